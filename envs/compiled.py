@@ -1,0 +1,59 @@
+"""Numba's compiler with the settings that every kernel of this project shares."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PROJECT = Path(__file__).resolve().parent.parent
+
+
+def _source_digest() -> str:
+    """Hash of every source file that a kernel may be compiled from."""
+    digest = hashlib.sha256()
+    for folder in ("envs", "algorithms"):
+        for path in sorted((_PROJECT / folder).glob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_directory() -> Path:
+    """A writable folder for compiled code, one for each state of the sources.
+
+    Numba looks only at the file of the outermost function to decide whether cached code is stale: after a
+    change of motion.py it would go on running the old physics inside engine.py. Hence a folder per digest.
+    """
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    for root in (Path(home), Path(tempfile.gettempdir())):
+        directory = root / "safedrive-bench" / f"numba-{_source_digest()}"
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(directory, os.W_OK):
+            return directory
+    raise OSError("No writable folder for compiled code; set XDG_CACHE_HOME to one.")
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = str(_cache_directory())
+# The OpenMP layer would share torch's thread pool and its OMP_NUM_THREADS=1.
+numba.config.THREADING_LAYER = "workqueue"
+
+
+def njit(function: F) -> F:
+    """Compile a kernel: cached on disk, numpy's division rules, no fast-math (results are repeatable)."""
+    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+def njit_parallel(function: F) -> F:
+    """The same with `prange` over worlds on numba's threads."""
+    return numba.njit(cache=True, error_model="numpy", parallel=True)(function)  # type: ignore[no-any-return]

@@ -1,0 +1,354 @@
+"""gymnasium faces of the engine: `DrivingVectorEnv` over N worlds, `DrivingEnv` over one."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, Final, SupportsFloat
+
+import gymnasium
+import numba
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from envs import engine
+from envs.layout import CHUNK, EpisodeSource
+from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S, TARGET_MAX_M
+from envs.observation import OBSERVATION_SIZE, observation_bounds
+from envs.reward import CostSignal
+from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, LANES, PedestrianRule, Scenario, get_scenario
+from envs.world import EPISODE, Ending, FloatArray, Records, Shield, World, empty_world
+
+__all__ = ["ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv"]
+
+HORIZON_MIN_S: Final = 0.5
+HORIZON_MAX_S: Final = 4.0
+"""Range of T_c in the driving agent's action (paper, appendix) [s]."""
+
+FINISHED: Final = np.dtype([*EPISODE.descr, ("world", "<i8"), ("end_step", "<i8")])
+"""`EPISODE` with the world it ran in and the count of simulation steps at its end."""
+
+
+class BudgetExceededError(RuntimeError):
+    """More decisions were asked for than the environment was made for."""
+
+
+class ActionMode(enum.Enum):
+    """What a policy's action is."""
+
+    ACCELERATION = "acceleration"
+    """[d_fn, a_x]: lateral offset from the nearest lane's centre [m], acceleration [m/s2]."""
+    PLANNING = "planning"
+    """[T_c, d_fn, s_dot_f]: planning time [s], lateral offset [m], target speed [m/s]: the driving agent's."""
+
+
+def action_space(mode: ActionMode) -> spaces.Box:
+    """Bounds of an action in physical units."""
+    low = [-LANE_WIDTH_M, ACCELERATION_MIN_MPS2]
+    high = [LANE_WIDTH_M, ACCELERATION_MAX_MPS2]
+    if mode is ActionMode.PLANNING:
+        low, high = [HORIZON_MIN_S, -LANE_WIDTH_M, 0.0], [HORIZON_MAX_S, LANE_WIDTH_M, EGO_SPEED_MAX_MPS]
+    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+
+def observation_space() -> spaces.Box:
+    """Bounds of the state vector, see `envs.observation`."""
+    low, high = observation_bounds()
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.NDArray[Any]]):
+    """N worlds stepped together by the compiled engine.
+
+    One step is one decision: the action is held for ``scenario.substeps`` steps of 0.1 s, the reward is their
+    sum divided by that number, the cost their sum. Autoreset mode is SAME_STEP: a finished world starts its
+    next episode in the step that ends it; ``info["final_obs"]`` holds the last observation of the old one.
+
+    ``info`` of a step, each of shape (N,): ``cost``, ``reward_without_risk``, ``intervened`` (steps of this
+    decision that the shield flagged); with finished worlds also ``final_obs`` (N, 47), its mask ``_final_obs``
+    and ``finished``, their `FINISHED` records in order of world.
+
+    Args:
+        scenario: The constrained MDP, or its name.
+        num_envs: N, at least 1.
+        shield: Filters every action at every 0.1 s step, or None.
+        action_mode: What actions mean.
+        comfort: Whether the reward includes r_cf (the driving agent's does not).
+        cost_signal: What costs 1.
+        source: Numbered initial states; by default an endless stream from the seed of `reset`.
+        decision_limit: Steps of this environment allowed in all, or None.
+        threads: Threads for the worlds; results do not depend on it.
+        autoreset: False leaves finished worlds ended until `reset` (mode DISABLED).
+
+    Raises:
+        ValueError: ``num_envs`` or ``threads`` is below 1.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: Scenario | str,
+        num_envs: int,
+        *,
+        shield: Shield | None = None,
+        action_mode: ActionMode = ActionMode.ACCELERATION,
+        comfort: bool = True,
+        cost_signal: CostSignal = CostSignal.COLLISION,
+        source: EpisodeSource | None = None,
+        decision_limit: int | None = None,
+        threads: int = 1,
+        autoreset: bool = True,
+    ) -> None:
+        """Allocate the worlds; the first episodes begin with `reset`."""
+        if num_envs < 1 or threads < 1:
+            raise ValueError(f"num_envs = {num_envs}, threads = {threads}: both must be at least 1.")
+        scenario = get_scenario(scenario) if isinstance(scenario, str) else scenario
+        self.scenario = scenario
+        self.num_envs = num_envs
+        self.shield = shield
+        self.action_mode = action_mode
+        self.metadata = {
+            **self.metadata,
+            "autoreset_mode": AutoresetMode.SAME_STEP if autoreset else AutoresetMode.DISABLED,
+        }
+        self.single_observation_space = observation_space()
+        self.single_action_space = action_space(action_mode)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.world = empty_world(num_envs, scenario.vehicles, scenario.pedestrians)
+        self.active = np.zeros(num_envs, np.bool_)
+        self.decisions = 0
+        self._comfort = comfort
+        self._cost_signal = int(cost_signal)
+        self._source = source
+        self._limit = decision_limit
+        self._threads = threads
+        self._autoreset = autoreset
+        self._next_episode = 0
+        self._chunk: tuple[int, World] | None = None
+        self._finished: list[Records] = []
+        self._observations = np.zeros((num_envs, OBSERVATION_SIZE), np.float32)
+        self._low = np.asarray(self.single_action_space.low, np.float64)
+        self._high = np.asarray(self.single_action_space.high, np.float64)
+
+    @property
+    def steps_done(self) -> int:
+        """Simulation steps of 0.1 s so far, over all worlds."""
+        return self.decisions * self.num_envs * self.scenario.substeps
+
+    @staticmethod
+    def no_episodes() -> Records:
+        """An empty array of `FINISHED` records."""
+        return np.empty(0, FINISHED)
+
+    def finished_episodes(self) -> Records:
+        """All episodes that have ended, in order of completion, `FINISHED` records."""
+        return np.concatenate([self.no_episodes(), *self._finished])
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+        """Start a new episode in every world; a seed starts the stream of episodes anew."""
+        if seed is not None or self._source is None:
+            numbers = [seed] if isinstance(seed, int) else seed
+            entropy = None if numbers is None else [int(number or 0) for number in numbers]
+            self._source = EpisodeSource(self.scenario, np.random.SeedSequence(entropy))
+            self._chunk = None
+            self._next_episode = 0
+        self._next_episode = max(self._next_episode, self._source.start)
+        self.active[:] = False
+        for i in range(self.num_envs):
+            self._begin_episode(i)
+        self._observe()
+        return self._observations.copy(), {}
+
+    def step(
+        self, actions: npt.NDArray[Any]
+    ) -> tuple[
+        npt.NDArray[np.float32], FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]
+    ]:
+        """Carry out one decision in every world.
+
+        Args:
+            actions: Shape (N, A), physical units; values beyond the action space are clipped to it.
+
+        Raises:
+            ValueError: Wrong shape, or a value that is not finite.
+            BudgetExceededError: The decision limit is used up.
+        """
+        clipped = self._checked(actions)
+        if self._limit is not None and self.decisions >= self._limit:
+            raise BudgetExceededError(f"The budget of {self._limit} decisions per world is used up.")
+        self.decisions += 1
+        before = self.world.episode["interventions"].copy()
+        sums = self._drive(clipped)
+        done = self.active & (self.world.episode["ending"] != Ending.RUNNING)
+        ending = self.world.episode["ending"]
+        terminated = done & ((ending == Ending.COLLISION) | (ending == Ending.OFF_ROAD))
+        base = sums[:, 0] + (sums[:, 1] if self._comfort else 0.0)
+        info: dict[str, Any] = {
+            "cost": sums[:, 3].copy(),
+            "reward_without_risk": base / self.scenario.substeps,
+            "intervened": self.world.episode["interventions"] - before,
+        }
+        reward = (base + sums[:, 2]) / self.scenario.substeps
+        self._observe()
+        if done.any():
+            info |= {"final_obs": self._observations.copy(), "_final_obs": done, "finished": self._finish(done)}
+        return self._observations.copy(), reward, terminated, done & ~terminated, info
+
+    def _checked(self, actions: npt.NDArray[Any]) -> FloatArray:
+        values = np.asarray(actions, np.float64)
+        expected = (self.num_envs, len(self._low))
+        if values.shape != expected:
+            raise ValueError(f"Actions have shape {values.shape}; expected {expected} (worlds, action).")
+        if not np.isfinite(values).all():
+            world, entry = np.argwhere(~np.isfinite(values))[0]
+            raise ValueError(f"Action entry {entry} of world {world} is {values[world, entry]}: must be finite.")
+        return np.clip(values, self._low, self._high)
+
+    def _drive(self, actions: FloatArray) -> FloatArray:
+        """Hold the actions for one decision; sums of driving, comfort and risk reward and of cost, (N, 4)."""
+        sums = np.zeros((self.num_envs, 4))
+        planning = self.action_mode is ActionMode.PLANNING
+        offsets = actions[:, 1 if planning else 0]
+        targets = self._lateral_targets(offsets)
+        horizons = actions[:, 0].copy() if planning else np.full(self.num_envs, HORIZON_S)
+        speeds = actions[:, 2].copy() if planning else np.zeros(self.num_envs)
+        commands = np.zeros(self.num_envs) if planning else actions[:, 1].copy()
+        quiet = np.zeros(self.num_envs, np.bool_)
+        if self.shield is None:
+            self._advance(targets, commands, horizons, speeds, targets, commands, quiet, self.scenario.substeps, sums)
+            return sums
+        self.shield.observe(self._observations)
+        for _ in range(self.scenario.substeps):
+            safe_targets, safe_commands, intervened, horizon = self.shield.filter(self.world, targets, commands)
+            self._advance(
+                safe_targets, safe_commands, horizons if horizon is None else horizon, speeds,
+                targets, commands, intervened, 1, sums,
+            )  # fmt: skip
+        return sums
+
+    def _lateral_targets(self, offsets: FloatArray) -> FloatArray:
+        """Absolute targets of offsets from the nearest lane's centre, kept on the road, (N,) [m]."""
+        d = self.world.ego["d"]
+        lane = np.clip(np.ceil(d / LANE_WIDTH_M + LANES / 2 - 1.0), 0, LANES - 1)
+        targets: FloatArray = np.clip((lane - 1) * LANE_WIDTH_M + offsets, -TARGET_MAX_M, TARGET_MAX_M)
+        return targets
+
+    def _advance(
+        self, targets: FloatArray, commands: FloatArray, horizons: FloatArray, speeds: FloatArray,
+        proposed_targets: FloatArray, proposed_commands: FloatArray, intervened: npt.NDArray[np.bool_],
+        substeps: int, sums: FloatArray,
+    ) -> None:  # fmt: skip
+        kernel = engine.advance if self._threads == 1 else engine.advance_parallel
+        if self._threads > 1:
+            numba.set_num_threads(self._threads)
+        world = self.world
+        kernel(
+            world.ego, world.vehicles, world.pedestrians, world.episode, targets, commands, horizons, speeds,
+            proposed_targets, proposed_commands, intervened, substeps,
+            self.action_mode is ActionMode.PLANNING, self.scenario.lane_changes,
+            self.scenario.pedestrian_rule is PedestrianRule.FAIR, self._cost_signal, sums,
+        )  # fmt: skip
+
+    def _observe(self) -> None:
+        world = self.world
+        engine.observe(world.ego, world.vehicles, world.pedestrians, self._observations)
+        self._observations[~self.active] = 0.0
+
+    def _finish(self, done: npt.NDArray[np.bool_]) -> Records:
+        """Keep the records of finished worlds and begin their next episodes."""
+        worlds = np.flatnonzero(done)
+        records = np.empty(len(worlds), FINISHED)
+        for name in EPISODE.names or ():
+            records[name] = self.world.episode[name][worlds]
+        records["world"] = worlds
+        records["end_step"] = self.steps_done
+        self._finished.append(records)
+        self.active[worlds] = False
+        if self._autoreset:
+            for i in worlds:
+                self._begin_episode(int(i))
+            self._observe()
+        return records
+
+    def _begin_episode(self, i: int) -> None:
+        """Load the next episode of the source into world i, or leave it inactive where the source has ended."""
+        assert self._source is not None
+        number = self._next_episode
+        if self._source.stop is not None and number >= self._source.stop:
+            self.world.episode["ending"][i] = Ending.TIME_OUT
+            return
+        index, row = divmod(number, CHUNK)
+        if self._chunk is None or self._chunk[0] != index:
+            self._chunk = (index, self._source.chunk(index))
+        start = self._chunk[1]
+        self.world.ego[i] = start.ego[row]
+        self.world.vehicles[i] = start.vehicles[row]
+        self.world.pedestrians[i] = start.pedestrians[row]
+        self.world.episode[i] = start.episode[row]
+        self.active[i] = True
+        self._next_episode = number + 1
+
+
+class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
+    """One world, the plain gymnasium interface; arguments as in `DrivingVectorEnv`.
+
+    ``info`` of a step: ``cost``, ``reward_without_risk``, ``intervened`` as scalars.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self, scenario: Scenario | str = "a", render_mode: str | None = None, **arguments: Any
+    ) -> None:
+        """Build the world of a scenario or of its name."""
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'.")
+        self.render_mode = render_mode
+        self.vector = DrivingVectorEnv(scenario, 1, autoreset=False, **arguments)
+        self.observation_space = self.vector.single_observation_space
+        self.action_space = self.vector.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+        """Start a new episode."""
+        super().reset(seed=seed)
+        observations, info = self.vector.reset(seed=seed)
+        return observations[0], info
+
+    def step(
+        self, action: npt.NDArray[Any]
+    ) -> tuple[npt.NDArray[np.float32], SupportsFloat, bool, bool, dict[str, Any]]:
+        """Carry out one decision; see `DrivingVectorEnv.step`.
+
+        Raises:
+            RuntimeError: The episode has ended, or none has begun.
+        """
+        if not self.vector.active[0]:
+            raise RuntimeError("No episode is running: call reset() first.")
+        observations, reward, terminated, truncated, info = self.vector.step(np.asarray(action)[None])
+        last = info.get("final_obs", observations)[0]
+        plain = {key: info[key][0].item() for key in ("cost", "reward_without_risk", "intervened")}
+        return last, float(reward[0]), bool(terminated[0]), bool(truncated[0]), plain
+
+    def render(self) -> Any:
+        """The present frame as an RGB array, drawn by highway-env, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        from envs.highway import render_world
+
+        return render_world(self.vector.scenario, self.vector.world, 0)
+
+
+class SixTuple(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Safety-Gymnasium's interface: step returns observation, reward, cost, terminated, truncated, info."""
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
+        """Carry out one decision with its cost as the third value."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, float(info["cost"]), terminated, truncated, info

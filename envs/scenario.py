@@ -1,0 +1,188 @@
+"""Scenarios: what is simulated, as frozen, validated values with a version."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+STEP_S: Final = 0.1
+"""Simulation step [s] (paper, appendix)."""
+LANE_WIDTH_M: Final = 3.5
+LANES: Final = 3
+GOAL_M: Final = 760.0
+"""Episode length s_max [m] (Table I)."""
+TIME_LIMIT_S: Final = 90.0
+SPAWN_STRETCH_M: Final = 180.0
+"""Traffic is spawned within this distance ahead of the ego [m] (paper, Sec. V-A)."""
+EGO_SPEED_MAX_MPS: Final = 13.89
+"""v_max, 50 km/h [m/s]."""
+VEHICLE_SLOTS: Final = 5
+PEDESTRIAN_SLOTS: Final = 3
+VEHICLES_MAX: Final = 100
+
+
+class UnknownNameError(ValueError):
+    """A name that is not known, with the nearest known ones."""
+
+    def __init__(self, kind: str, name: str, known: list[str]) -> None:
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        hint = f" Did you mean {' or '.join(near)}?" if near else ""
+        super().__init__(f"Unknown {kind} {name!r}.{hint} Known: {', '.join(sorted(known))}.")
+        self.name = name
+        self.suggestions = near
+
+
+class PedestrianRule(enum.StrEnum):
+    """When a waiting pedestrian steps off the kerb."""
+
+    NONE = "none"
+    """No pedestrians."""
+    FAIR = "fair"
+    """Only while the ego can still stop at -2 m/s2."""
+    LATE = "late"
+    """Without regard to the ego: some crashes are unavoidable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One constrained MDP: road, traffic, pedestrians, start, decision period.
+
+    Source: paper, Sec. V-A; gaps settled in docs/fidelity.md.
+
+    Attributes:
+        name: Canonical name, parameters included, for example ``a:vehicles=8``.
+        version: Raised by every change that alters results; results of two versions are never compared.
+        vehicles: Number of traffic vehicles, 1 to 100.
+        lane_changes: Whether traffic changes lanes by MOBIL.
+        pedestrian_rule: When pedestrians step off the kerb, `PedestrianRule`.
+        standing_start: Ego starts from rest instead of at U(8, 12) m/s.
+        randomised_traffic: Number, speeds and IDM parameters of the traffic are drawn anew in each episode
+            (the data set of Alg. 1).
+        decision_period_s: The policy decides once per period and its action holds in between [s], a multiple of 0.1.
+    """
+
+    name: str
+    version: int = 1
+    vehicles: int = 5
+    lane_changes: bool = False
+    pedestrian_rule: PedestrianRule = PedestrianRule.NONE
+    standing_start: bool = False
+    randomised_traffic: bool = False
+    decision_period_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse values that no world can be built from."""
+        if not 1 <= self.vehicles <= VEHICLES_MAX:
+            raise ValueError(f"vehicles = {self.vehicles}: must be 1 to {VEHICLES_MAX}.")
+        steps = self.decision_period_s / STEP_S
+        if not (0.999 <= steps <= 100.001 and abs(steps - round(steps)) < 1e-6):
+            raise ValueError(
+                f"decision_period_s = {self.decision_period_s}: must be a multiple of {STEP_S} s, at most 10 s."
+            )
+
+    @property
+    def substeps(self) -> int:
+        """Simulation steps of 0.1 s per decision."""
+        return round(self.decision_period_s / STEP_S)
+
+    @property
+    def pedestrians(self) -> int:
+        """Number of pedestrians in an episode."""
+        return 0 if self.pedestrian_rule is PedestrianRule.NONE else PEDESTRIAN_SLOTS
+
+    @property
+    def id(self) -> str:
+        """Name and version, for example ``a-v1``: results carry it."""
+        return f"{self.name}-v{self.version}"
+
+
+_DENSE = {"vehicles": 12}
+_MOBIL = {"lane_changes": True}
+_CROSSING = {"pedestrian_rule": PedestrianRule.FAIR}
+
+_BUILT_IN: Final[dict[str, Scenario]] = {
+    s.name: s
+    for s in (
+        Scenario("a"),
+        Scenario("a-dense", **_DENSE),
+        Scenario("a-mobil", **_MOBIL),
+        Scenario("a-dense-mobil", **_DENSE, **_MOBIL),
+        Scenario("a-standing", standing_start=True),
+        Scenario("b", **_CROSSING),  # type: ignore[arg-type]
+        Scenario("b-late", pedestrian_rule=PedestrianRule.LATE),
+        Scenario("b-standing", standing_start=True, **_CROSSING),  # type: ignore[arg-type]
+    )
+}
+
+GYMNASIUM_IDS: Final[dict[str, str]] = {
+    "a": "bench/DenseTraffic-v1",
+    "a-dense": "bench/DenseTrafficTwelve-v1",
+    "a-mobil": "bench/DenseTrafficMobil-v1",
+    "a-dense-mobil": "bench/DenseTrafficTwelveMobil-v1",
+    "a-standing": "bench/DenseTrafficStanding-v1",
+    "b": "bench/MixedTraffic-v1",
+    "b-late": "bench/MixedTrafficLate-v1",
+    "b-standing": "bench/MixedTrafficStanding-v1",
+}
+"""gymnasium id of each built-in scenario; its version is the scenario's."""
+
+_PARAMETERS: Final = {
+    f.name: f.type for f in dataclasses.fields(Scenario) if f.name not in ("name", "version")
+}
+
+
+def scenario_names() -> list[str]:
+    """Names of the built-in scenarios."""
+    return list(_BUILT_IN)
+
+
+def register_scenario(scenario: Scenario) -> None:
+    """Make a scenario known by name.
+
+    Raises:
+        ValueError: Another scenario has that name.
+    """
+    if _BUILT_IN.get(scenario.name, scenario) != scenario:
+        raise ValueError(f"Scenario name {scenario.name!r} is taken by {_BUILT_IN[scenario.name]}.")
+    _BUILT_IN[scenario.name] = scenario
+
+
+def _parse_value(key: str, text: str) -> bool | int | float | PedestrianRule:
+    kind = str(_PARAMETERS[key])
+    try:
+        if kind == "bool":
+            return {"true": True, "false": False}[text.lower()]
+        if kind == "int":
+            return int(text)
+        return PedestrianRule(text) if kind == "PedestrianRule" else float(text)
+    except (KeyError, ValueError):
+        raise ValueError(f"Scenario parameter {key} = {text!r}: expected {kind}.") from None
+
+
+def get_scenario(name: str) -> Scenario:
+    """Scenario of a name, with parameters after a colon: ``a``, ``a:vehicles=8,decision_period_s=0.1``.
+
+    Raises:
+        UnknownNameError: The scenario or a parameter is unknown.
+        ValueError: A parameter's value is malformed or out of range.
+    """
+    base, _, tail = name.partition(":")
+    if base not in _BUILT_IN:
+        raise UnknownNameError("scenario", base, list(_BUILT_IN))
+    changes: dict[str, bool | int | float | PedestrianRule] = {}
+    for item in filter(None, tail.split(",")):
+        key, equals, text = item.partition("=")
+        if key not in _PARAMETERS:
+            raise UnknownNameError("scenario parameter", key, list(_PARAMETERS))
+        if not equals:
+            raise ValueError(f"Scenario parameter {item!r}: expected KEY=VALUE.")
+        changes[key] = _parse_value(key, text)
+    scenario = _BUILT_IN[base]
+    changes = {key: value for key, value in sorted(changes.items()) if getattr(scenario, key) != value}
+    if not changes:
+        return scenario
+    canonical = ",".join(f"{k}={str(v).lower() if isinstance(v, bool) else v}" for k, v in changes.items())
+    return dataclasses.replace(scenario, name=f"{base}:{canonical}", **changes)  # type: ignore[arg-type]
