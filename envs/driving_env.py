@@ -123,7 +123,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._comfort = comfort
         self._cost_signal = int(cost_signal)
         self._source = source
-        self._limit = decision_limit
+        self.decision_limit = decision_limit
         self._threads = threads
         self._autoreset = autoreset
         self._next_episode = 0
@@ -146,6 +146,20 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
     def finished_episodes(self) -> Records:
         """All episodes that have ended, in order of completion, `FINISHED` records."""
         return np.concatenate([self.no_episodes(), *self._finished])
+
+    @property
+    def episodes_done(self) -> int:
+        """Number of episodes that have ended."""
+        return sum(map(len, self._finished))
+
+    def recent_episodes(self, count: int) -> Records:
+        """The last so many finished episodes, `FINISHED` records."""
+        batches: list[Records] = []
+        for batch in reversed(self._finished):
+            batches.insert(0, batch)
+            if sum(map(len, batches)) >= count:
+                break
+        return np.concatenate([self.no_episodes(), *batches])[-count:]
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -179,8 +193,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             BudgetExceededError: The decision limit is used up.
         """
         clipped = self._checked(actions)
-        if self._limit is not None and self.decisions >= self._limit:
-            raise BudgetExceededError(f"The budget of {self._limit} decisions per world is used up.")
+        if self.decision_limit is not None and self.decisions >= self.decision_limit:
+            raise BudgetExceededError(f"The budget of {self.decision_limit} decisions per world is used up.")
         self.decisions += 1
         before = self.world.episode["interventions"].copy()
         sums = self._drive(clipped)

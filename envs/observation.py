@@ -18,6 +18,7 @@ Bodies farther than 200 m away are not seen. Empty slots are 0 and their mask is
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -32,7 +33,7 @@ from envs.scenario import (
     PEDESTRIAN_SLOTS,
     VEHICLE_SLOTS,
 )
-from envs.world import CROSSING, Records
+from envs.world import CROSSING, BoolArray, FloatArray, Records
 
 LAYOUT_VERSION: Final = 1
 EGO_FEATURES: Final = 5
@@ -143,3 +144,61 @@ def write_observation(
         row[at + 1] = (p.d - e.d) / LATERAL_SCALE_M
         row[at + 2] = p.lateral_speed
         row[PEDESTRIAN_MASK_AT + slot] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedObservation:
+    """State vectors back in SI units; empty slots hold 0 and are False in the masks.
+
+    Attributes:
+        s: Ego position, shape (N,) [m].
+        d: Ego lateral position, shape (N,) [m].
+        speed: Ego speed, shape (N,) [m/s].
+        lateral_speed: Ego lateral speed, shape (N,) [m/s].
+        heading: Ego heading, shape (N,) [rad].
+        vehicle_ds: Vehicle minus ego along the road, shape (N, 5) [m].
+        vehicle_dd: Vehicle minus ego across the road, shape (N, 5) [m].
+        vehicle_dv: Vehicle minus ego speed along the road, shape (N, 5) [m/s].
+        vehicle_present: Shape (N, 5).
+        pedestrian_ds: Pedestrian minus ego along the road, shape (N, 3) [m].
+        pedestrian_dd: Pedestrian minus ego across the road, shape (N, 3) [m].
+        pedestrian_speed: Signed walking speed, shape (N, 3) [m/s].
+        pedestrian_present: Shape (N, 3).
+    """
+
+    s: FloatArray
+    d: FloatArray
+    speed: FloatArray
+    lateral_speed: FloatArray
+    heading: FloatArray
+    vehicle_ds: FloatArray
+    vehicle_dd: FloatArray
+    vehicle_dv: FloatArray
+    vehicle_present: BoolArray
+    pedestrian_ds: FloatArray
+    pedestrian_dd: FloatArray
+    pedestrian_speed: FloatArray
+    pedestrian_present: BoolArray
+
+
+def decode(observations: npt.NDArray[np.float32]) -> DecodedObservation:
+    """State vectors (N, 47) in SI units."""
+    x = observations.astype(np.float64)
+    n = len(x)
+    vehicles = x[:, VEHICLES_AT:PEDESTRIANS_AT].reshape(n, VEHICLE_SLOTS, VEHICLE_FEATURES)
+    people = x[:, PEDESTRIANS_AT:VEHICLE_MASK_AT].reshape(n, PEDESTRIAN_SLOTS, PEDESTRIAN_FEATURES)
+    return DecodedObservation(
+        s=x[:, 0] * GOAL_M,
+        d=x[:, 1] * LANE_WIDTH_M,
+        speed=x[:, 2] * EGO_SPEED_MAX_MPS,
+        lateral_speed=x[:, 3],
+        heading=x[:, 4],
+        vehicle_ds=vehicles[:, :, 0] * RANGE_M,
+        vehicle_dd=vehicles[:, :, 1] * LATERAL_SCALE_M,
+        vehicle_dv=vehicles[:, :, 2] * SPEED_SCALE_MPS,
+        vehicle_present=x[:, VEHICLE_MASK_AT:PEDESTRIAN_MASK_AT] > 0.5,
+        pedestrian_ds=people[:, :, 0] * RANGE_M,
+        pedestrian_dd=people[:, :, 1] * LATERAL_SCALE_M,
+        pedestrian_speed=people[:, :, 2],
+        pedestrian_present=x[:, PEDESTRIAN_MASK_AT:] > 0.5,
+    )

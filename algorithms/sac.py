@@ -1,0 +1,144 @@
+"""Soft actor-critic by stable-baselines3, with the paper's networks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import torch
+from stable_baselines3 import SAC as StableBaselinesSAC
+from stable_baselines3.common.callbacks import BaseCallback
+
+from algorithms.method import Method, Policy, Task
+from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
+from algorithms.sb3_env import StableBaselinesEnv
+from envs.driving_env import ActionMode, DrivingVectorEnv
+from envs.observation import OBSERVATION_SIZE
+from envs.world import Ending, Shield
+
+ACTOR_LAYERS: Final = (256, 256, 256, 256)
+CRITIC_LAYERS: Final = (256, 256, 256)
+"""Hidden layers (paper, appendix)."""
+GAMMA_PER_STEP: Final = 0.99
+"""Discount per 0.1 s (paper, appendix); per decision it is raised to the number of steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class SACSettings:
+    """Settings of the learner, the same for every method that is SAC inside.
+
+    Attributes:
+        worlds: Worlds stepped together.
+        decisions_per_update: Inverse update-to-data ratio.
+        batch: Transitions per update.
+        warm_up: Decisions under uniformly random actions before learning starts.
+        learning_rate: Adam's, of actor, critics and temperature (paper, appendix).
+        tau: Target network step (paper, appendix).
+    """
+
+    worlds: int = 16
+    decisions_per_update: int = 4
+    batch: int = 256
+    warm_up: int = 1600
+    learning_rate: float = 3e-4
+    tau: float = 5e-3
+
+
+class _Progress(BaseCallback):
+    """Reports steps, learner scalars and the running collision rate; stops on numbers that are not finite."""
+
+    def __init__(self, task: Task, env: DrivingVectorEnv) -> None:
+        super().__init__()
+        self._task = task
+        self._env = env
+        self._every = max(1, 50_000 // (env.num_envs * env.scenario.substeps * 10))
+
+    def _on_step(self) -> bool:
+        if self._env.decisions % self._every == 0 or self._env.decisions == self._env.decision_limit:
+            scalars = training_scalars(self._env)
+            for key in ("actor_loss", "critic_loss", "ent_coef"):
+                value = self.logger.name_to_value.get(f"train/{key}")
+                if value is not None:
+                    scalars[key] = float(value)
+                    if not math.isfinite(scalars[key]):
+                        raise FloatingPointError(f"{key} is {value} at simulation step {self._env.steps_done}.")
+            self._task.progress(self._env.steps_done, scalars)
+        return True
+
+
+def training_scalars(env: DrivingVectorEnv, last: int = 100) -> dict[str, float]:
+    """Means over the last finished episodes: return without r_risk, collision rate, speed, intervention ratio."""
+    recent = env.recent_episodes(last)
+    if not len(recent):
+        return {}
+    steps = recent["steps"].sum()
+    return {
+        "return": float((recent["return_driving"] + recent["return_comfort"]).mean()),
+        "collision_rate": float((recent["ending"] == Ending.COLLISION).mean()),
+        "speed_mps": float((recent["distance"] / (0.1 * recent["steps"])).mean()),
+        "intervention_ratio": float(recent["interventions"].sum() / steps),
+        "episodes": float(env.episodes_done),
+    }
+
+
+def train_sac(
+    task: Task,
+    shield: Shield | None = None,
+    action_mode: ActionMode = ActionMode.ACCELERATION,
+    comfort: bool = True,
+    settings: SACSettings | None = None,
+) -> NetworkPolicy:
+    """Train SAC within the task's budget and return its deterministic policy behind the same shield.
+
+    The replay buffer holds the proposed action with the reward of what the shield made of it, r_risk included.
+    """
+    torch.set_num_threads(1)
+    chosen = settings or SACSettings()
+    env = task.make_env(chosen.worlds, shield, action_mode, comfort)
+    decisions = task.budget.decisions(task.scenario)
+    model = StableBaselinesSAC(
+        "MlpPolicy",
+        StableBaselinesEnv(env),
+        learning_rate=chosen.learning_rate,
+        buffer_size=decisions,
+        learning_starts=min(chosen.warm_up, decisions // 2),
+        batch_size=chosen.batch,
+        tau=chosen.tau,
+        gamma=GAMMA_PER_STEP**task.scenario.substeps,
+        train_freq=1,
+        gradient_steps=max(1, chosen.worlds // chosen.decisions_per_update),
+        policy_kwargs={"net_arch": {"pi": list(ACTOR_LAYERS), "qf": list(CRITIC_LAYERS)}},
+        seed=task.torch_seed(),
+        device="cpu",
+    )
+    model.learn(decisions, callback=_Progress(task, env))
+    return deterministic_policy(model, action_mode, shield)
+
+
+def deterministic_policy(
+    model: StableBaselinesSAC, action_mode: ActionMode, shield: Shield | None
+) -> NetworkPolicy:
+    """The mean of a trained actor as a policy that saves without pickle."""
+    actor: Any = model.actor
+    layers = [module for module in actor.latent_pi if isinstance(module, torch.nn.Linear)] + [actor.mu]
+    architecture = Architecture((OBSERVATION_SIZE, *ACTOR_LAYERS, actor.mu.out_features), "relu", squashed=True)
+    network = architecture.build()
+    copy_linear_layers(layers, network)
+    return NetworkPolicy(architecture, network, action_mode, shield)
+
+
+class SAC(Method):
+    """Plain SAC without a guard, the model-free baseline."""
+
+    version = 1
+    defaults: ClassVar[dict[str, Any]] = {}
+
+    def train(self, task: Task) -> Policy:
+        """Train on the environment's reward."""
+        return train_sac(task)
+
+    def load_policy(self, folder: Path, task: Task) -> Policy:
+        """The saved actor."""
+        return NetworkPolicy.load(folder)
