@@ -47,8 +47,12 @@ def pedestrian_in_path(o: DecodedObservation, low: FloatArray, high: FloatArray)
     return result
 
 
-def leader(o: DecodedObservation, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Nearest body ahead in the strip between lateral positions low and high: centre distance [m], speed [m/s]."""
+def leaders(o: DecodedObservation, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bodies ahead in the strip between lateral positions low and high (N,) [m].
+
+    Returns:
+        Centre distance (N, 8) [m], inf where a body does not count, and speed (N, 8) [m/s].
+    """
     d = o.d[:, None] + o.vehicle_dd
     inside = (d > low[:, None] - VEHICLE_WIDTH_M) & (d < high[:, None] + VEHICLE_WIDTH_M)
     ahead = o.vehicle_present & inside & (o.vehicle_ds > 0.0)
@@ -58,8 +62,7 @@ def leader(o: DecodedObservation, low: FloatArray, high: FloatArray) -> tuple[Fl
     people = np.where(pedestrian_in_path(o, low, high), o.pedestrian_ds + shift, np.inf)
     distances = np.concatenate([cars, people], axis=1)
     speeds = np.concatenate([o.speed[:, None] + o.vehicle_dv, np.zeros_like(people)], axis=1)
-    nearest = distances.argmin(axis=1)[:, None]
-    return np.take_along_axis(distances, nearest, 1)[:, 0], np.take_along_axis(speeds, nearest, 1)[:, 0]
+    return distances, speeds
 
 
 def idm(
@@ -67,12 +70,24 @@ def idm(
     acceleration: float = COMFORT_ACCELERATION_MPS2, braking: float = COMFORT_BRAKING_MPS2,
     headway: float = HEADWAY_S, jam_distance: float = JAM_DISTANCE_M,
 ) -> FloatArray:  # fmt: skip
-    """IDM acceleration towards 13.89 m/s, clipped to the ego's limits (N,) [m/s2]; distances centre to centre."""
+    """IDM acceleration towards 13.89 m/s behind the most binding leader, within the ego's limits (N,) [m/s2].
+
+    Args:
+        speed: Shape (N,) [m/s].
+        distance: Centre to centre, inf without a leader, shape (N, K) [m].
+        leader_speed: Shape (N, K) [m/s].
+        acceleration: IDM's a [m/s2].
+        braking: IDM's b [m/s2].
+        headway: IDM's T [s].
+        jam_distance: IDM's s0, centre to centre [m].
+    """
+    v = speed[:, None]
+    desired = jam_distance + v * headway + v * (v - leader_speed) / (2.0 * np.sqrt(acceleration * braking))
+    interaction = (np.maximum(desired, 0.0) / np.maximum(distance, 0.1)) ** 2
     free = 1.0 - (speed / EGO_SPEED_MAX_MPS) ** EXPONENT
-    closing = speed - np.where(np.isfinite(distance), leader_speed, speed)
-    desired = jam_distance + speed * headway + speed * closing / (2.0 * np.sqrt(acceleration * braking))
-    result: FloatArray = acceleration * (free - (np.maximum(desired, 0.0) / np.maximum(distance, 0.1)) ** 2)
-    return np.clip(result, ACCELERATION_MIN_MPS2, ACCELERATION_MAX_MPS2)
+    return np.clip(
+        acceleration * (free - interaction.max(axis=1)), ACCELERATION_MIN_MPS2, ACCELERATION_MAX_MPS2
+    )
 
 
 class ScriptedPolicy(Policy):
@@ -140,8 +155,8 @@ class IDMPolicy(ScriptedPolicy):
     def drive(self, o: DecodedObservation) -> Actions:
         """IDM behind the nearest body ahead in the own lane."""
         centre = LANE_CENTRES_M[nearest_lanes(o.d)]
-        distance, speed = leader(o, np.minimum(o.d, centre), np.maximum(o.d, centre))
-        return np.column_stack([np.zeros(len(o.s)), idm(o.speed, distance, speed)])
+        distances, speeds = leaders(o, np.minimum(o.d, centre), np.maximum(o.d, centre))
+        return np.column_stack([np.zeros(len(o.s)), idm(o.speed, distances, speeds)])
 
 
 class CruisePolicy(ScriptedPolicy):
@@ -165,16 +180,17 @@ class CruisePolicy(ScriptedPolicy):
             best = np.where(better, speeds[rows, neighbour], best)
         target = self._finish_change(o, lanes, target)
         centre = LANE_CENTRES_M[target]
-        distance, speed = leader(o, np.minimum(o.d, centre), np.maximum(o.d, centre))
+        distances, leader_speeds = leaders(o, np.minimum(o.d, centre), np.maximum(o.d, centre))
         offset = np.clip(centre - LANE_CENTRES_M[lanes], -LANE_WIDTH_M, LANE_WIDTH_M)
-        return np.column_stack([offset, idm(o.speed, distance, speed, 2.0, 2.0, 1.5, VEHICLE_LENGTH_M + 2.0)])
+        return np.column_stack([offset, idm(o.speed, distances, leader_speeds, 2.0, 2.0, 1.5, VEHICLE_LENGTH_M + 2.0)])
 
     def _lane_speed(self, o: DecodedObservation, lane: int) -> FloatArray:
         """Speed that a lane allows within the look-ahead (N,) [m/s]; farther leaders hinder less."""
         centre = np.full(len(o.s), LANE_CENTRES_M[lane])
-        distance, speed = leader(o, centre + 0.5, centre - 0.5)
-        room = np.clip((distance - 15.0) / self.look_ahead_m, 0.0, 1.0)
-        return speed + (EGO_SPEED_MAX_MPS - speed) * np.where(np.isfinite(distance), room, 1.0)
+        distances, speeds = leaders(o, centre + 0.5, centre - 0.5)
+        room = np.clip((distances - 15.0) / self.look_ahead_m, 0.0, 1.0)
+        allowed: FloatArray = (speeds + (EGO_SPEED_MAX_MPS - speeds) * room).min(axis=1)
+        return allowed
 
     def _clear(self, o: DecodedObservation, lane: int) -> BoolArray:
         """Whether nobody beside, close ahead or coming up from behind forbids a change into a lane (N,)."""

@@ -1,0 +1,1 @@
+"""The methods: each one file that keeps the contract in method.py."""
