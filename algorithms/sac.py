@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -11,6 +12,7 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.callbacks import BaseCallback
 
+from algorithms.fast_sac import FastSAC, reproducible
 from algorithms.method import Method, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
 from algorithms.sb3_env import StableBaselinesEnv
@@ -36,6 +38,7 @@ class SACSettings:
         warm_up: Decisions under uniformly random actions before learning starts.
         learning_rate: Adam's, of actor, critics and temperature (paper, appendix).
         tau: Target network step (paper, appendix).
+        learner: ``fast``, or ``sb3`` for the stock update (the same numbers, slower).
     """
 
     worlds: int = 16
@@ -44,6 +47,40 @@ class SACSettings:
     warm_up: int = 1600
     learning_rate: float = 3e-4
     tau: float = 5e-3
+    learner: str = "fast"
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot train."""
+        if self.learner not in LEARNERS:
+            raise ValueError(f"learner = {self.learner!r}: must be one of {', '.join(LEARNERS)}.")
+        if self.worlds % self.decisions_per_update and self.decisions_per_update % self.worlds:
+            raise ValueError(
+                f"decisions_per_update = {self.decisions_per_update}: must divide worlds = {self.worlds} or be a "
+                "multiple of it."
+            )
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, str]) -> SACSettings:
+        """Defaults with ``--set`` values over them.
+
+        Raises:
+            ValueError: A value is malformed.
+        """
+        changes: dict[str, Any] = {}
+        for item in fields(cls):
+            if item.name in settings:
+                kind = type(item.default)
+                try:
+                    changes[item.name] = kind(settings[item.name])
+                except ValueError:
+                    raise ValueError(
+                        f"{item.name} = {settings[item.name]!r}: expected {kind.__name__}."
+                    ) from None
+        return replace(cls(), **changes)
+
+
+LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {"fast": FastSAC, "sb3": StableBaselinesSAC}
+SETTING_NAMES: Final = tuple(item.name for item in fields(SACSettings))
 
 
 class _Progress(BaseCallback):
@@ -88,32 +125,32 @@ def train_sac(
     shield: Shield | None = None,
     action_mode: ActionMode = ActionMode.ACCELERATION,
     comfort: bool = True,
-    settings: SACSettings | None = None,
 ) -> NetworkPolicy:
     """Train SAC within the task's budget and return its deterministic policy behind the same shield.
 
     The replay buffer holds the proposed action with the reward of what the shield made of it, r_risk included.
     """
     torch.set_num_threads(1)
-    chosen = settings or SACSettings()
+    chosen = SACSettings.from_settings(task.settings)
     env = task.make_env(chosen.worlds, shield, action_mode, comfort)
     decisions = task.budget.decisions(task.scenario)
-    model = StableBaselinesSAC(
-        "MlpPolicy",
-        StableBaselinesEnv(env),
-        learning_rate=chosen.learning_rate,
-        buffer_size=decisions,
-        learning_starts=min(chosen.warm_up, decisions // 2),
-        batch_size=chosen.batch,
-        tau=chosen.tau,
-        gamma=GAMMA_PER_STEP**task.scenario.substeps,
-        train_freq=1,
-        gradient_steps=max(1, chosen.worlds // chosen.decisions_per_update),
-        policy_kwargs={"net_arch": {"pi": list(ACTOR_LAYERS), "qf": list(CRITIC_LAYERS)}},
-        seed=task.torch_seed(),
-        device="cpu",
-    )
-    model.learn(decisions, callback=_Progress(task, env))
+    with reproducible(task.torch_seed()):
+        model = LEARNERS[chosen.learner](
+            "MlpPolicy",
+            StableBaselinesEnv(env),
+            learning_rate=chosen.learning_rate,
+            buffer_size=decisions,
+            learning_starts=min(chosen.warm_up, decisions // 2),
+            batch_size=chosen.batch,
+            tau=chosen.tau,
+            gamma=GAMMA_PER_STEP**task.scenario.substeps,
+            train_freq=max(1, chosen.decisions_per_update // chosen.worlds),
+            gradient_steps=max(1, chosen.worlds // chosen.decisions_per_update),
+            policy_kwargs={"net_arch": {"pi": list(ACTOR_LAYERS), "qf": list(CRITIC_LAYERS)}},
+            seed=task.torch_seed(),
+            device="cpu",
+        )
+        model.learn(decisions, callback=_Progress(task, env))
     return deterministic_policy(model, action_mode, shield)
 
 
@@ -134,6 +171,7 @@ class SAC(Method):
 
     version = 1
     defaults: ClassVar[dict[str, Any]] = {}
+    setting_names = SETTING_NAMES
 
     def train(self, task: Task) -> Policy:
         """Train on the environment's reward."""

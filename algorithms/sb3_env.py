@@ -17,6 +17,7 @@ class StableBaselinesEnv(VecEnv):
 
     def __init__(self, env: DrivingVectorEnv) -> None:
         """Wrap an environment; it must reset finished worlds by itself."""
+        self.render_mode: str | None = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.env = env
         self._actions: np.ndarray = np.zeros((0, 0))
@@ -46,7 +47,8 @@ class StableBaselinesEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """The same attribute for every world."""
-        return [getattr(self.env, attr_name, None)] * len(list(self._get_indices(indices)))
+        value = self.render_mode if attr_name == "render_mode" else getattr(self.env, attr_name)
+        return [value] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not supported: worlds share their attributes."""

@@ -17,11 +17,12 @@ _PROJECT = Path(__file__).resolve().parent.parent
 
 
 def _source_digest() -> str:
-    """Hash of every source file that a kernel may be compiled from."""
+    """Hash of every source file that a kernel may be compiled from: envs, and what defines kernels elsewhere."""
     digest = hashlib.sha256()
-    for folder in ("envs", "algorithms"):
-        for path in sorted((_PROJECT / folder).glob("*.py")):
-            digest.update(path.read_bytes())
+    for path in sorted([*(_PROJECT / "envs").glob("*.py"), *(_PROJECT / "algorithms").glob("*.py")]):
+        source = path.read_bytes()
+        if path.parent.name == "envs" or b"import njit" in source:
+            digest.update(source)
     return digest.hexdigest()[:16]
 
 

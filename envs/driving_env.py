@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from typing import Any, Final, SupportsFloat
 
 import gymnasium
@@ -28,6 +29,9 @@ HORIZON_MAX_S: Final = 4.0
 
 FINISHED: Final = np.dtype([*EPISODE.descr, ("world", "<i8"), ("end_step", "<i8")])
 """`EPISODE` with the world it ran in and the count of simulation steps at its end."""
+
+
+SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
 
 
 class BudgetExceededError(RuntimeError):
@@ -81,6 +85,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         threads: Threads for the worlds; results do not depend on it.
         autoreset: False leaves finished worlds ended until `reset` (mode DISABLED).
 
+    Attributes:
+        on_substep: Called after every 0.1 s step with the worlds, the proposed targets (N,) [m] and accelerations
+            (N,) [m/s2] and the shield's flags (N,), or None. Must not change them. Worlds that have ended stand still.
+
     Raises:
         ValueError: ``num_envs`` or ``threads`` is below 1.
     """
@@ -108,6 +116,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self.scenario = scenario
         self.num_envs = num_envs
         self.shield = shield
+        self.on_substep: SubstepHook | None = None
         self.action_mode = action_mode
         self.metadata = {
             **self.metadata,
@@ -233,16 +242,21 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         speeds = actions[:, 2].copy() if planning else np.zeros(self.num_envs)
         commands = np.zeros(self.num_envs) if planning else actions[:, 1].copy()
         quiet = np.zeros(self.num_envs, np.bool_)
-        if self.shield is None:
+        if self.shield is None and self.on_substep is None:
             self._advance(targets, commands, horizons, speeds, targets, commands, quiet, self.scenario.substeps, sums)
             return sums
-        self.shield.observe(self._observations)
+        if self.shield is not None:
+            self.shield.observe(self._observations)
+        safe_targets, safe_commands, intervened, horizon = targets, commands, quiet, None
         for _ in range(self.scenario.substeps):
-            safe_targets, safe_commands, intervened, horizon = self.shield.filter(self.world, targets, commands)
+            if self.shield is not None:
+                safe_targets, safe_commands, intervened, horizon = self.shield.filter(self.world, targets, commands)
             self._advance(
                 safe_targets, safe_commands, horizons if horizon is None else horizon, speeds,
                 targets, commands, intervened, 1, sums,
             )  # fmt: skip
+            if self.on_substep is not None:
+                self.on_substep(self.world, targets, commands, intervened)
         return sums
 
     def _lateral_targets(self, offsets: FloatArray) -> FloatArray:
@@ -354,7 +368,7 @@ class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
         """The present frame as an RGB array, drawn by highway-env, or None without a render mode."""
         if self.render_mode is None:
             return None
-        from envs.highway import render_world
+        from envs.rendering import render_world
 
         return render_world(self.vector.scenario, self.vector.world, 0)
 

@@ -116,18 +116,22 @@ def neighbours(
 
 
 @njit
-def following_acceleration(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, leader: int
+def judged_acceleration(
+    ego: Records, vehicles: Records, pedestrians: Records, i: int, judge: int, k: int, leader: int
 ) -> float:
-    """IDM acceleration of participant k behind a leader (or NOBODY); 0 for pedestrians and NOBODY [m/s2]."""
+    """IDM acceleration of participant k behind a leader (or NOBODY); 0 for pedestrians and NOBODY [m/s2].
+
+    Highway-env takes the desired speed from the follower, headway and exponent from the vehicle that judges:
+    in MOBIL, the one that wants to change lanes.
+    """
     count = vehicles.shape[1]
     if k == NOBODY or k > count:
         return 0.0
     s, _, speed, heading = _state(ego, vehicles, pedestrians, i, k)
-    desired, exponent, headway = EGO_SPEED_MAX_MPS, EXPONENT, HEADWAY_S
-    if k > 0:
-        v = vehicles[i, k - 1]
-        desired, exponent, headway = v.desired_speed, v.exponent, v.headway
+    desired = vehicles[i, k - 1].desired_speed if k > 0 else EGO_SPEED_MAX_MPS
+    exponent, headway = EXPONENT, HEADWAY_S
+    if judge > 0:
+        exponent, headway = vehicles[i, judge - 1].exponent, vehicles[i, judge - 1].headway
     gap, closing = math.inf, 0.0
     if leader != NOBODY:
         s_leader, _, speed_leader, heading_leader = _state(ego, vehicles, pedestrians, i, leader)
@@ -138,12 +142,20 @@ def following_acceleration(
 
 
 @njit
+def following_acceleration(
+    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, leader: int
+) -> float:
+    """Participant k's own IDM acceleration behind a leader, see `judged_acceleration` [m/s2]."""
+    return judged_acceleration(ego, vehicles, pedestrians, i, k, k, leader)
+
+
+@njit
 def _mobil_recommends(
     ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int
 ) -> bool:
     """MOBIL with politeness 0 (Kesting, Treiber and Helbing 2007), highway-env's `IDMVehicle.mobil`."""
     new_ahead, new_behind = neighbours(ego, vehicles, pedestrians, i, k, lane)
-    imposed = following_acceleration(ego, vehicles, pedestrians, i, new_behind, k)
+    imposed = judged_acceleration(ego, vehicles, pedestrians, i, k, new_behind, k)
     if imposed < -IMPOSED_BRAKING_MAX_MPS2:
         return False
     old_ahead, _ = neighbours(ego, vehicles, pedestrians, i, k, nearest_lane(vehicles[i, k - 1].d))

@@ -1,0 +1,103 @@
+"""The driving agent pi_phi (paper, Sec. III): SAC over [T_c, d_fn, s_dot_f], trained once and shared."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from algorithms.method import Budget, Task
+from algorithms.networks import NetworkPolicy
+from algorithms.sac import SACSettings, train_sac
+from envs.driving_env import ActionMode
+from envs.observation import LAYOUT_VERSION
+from envs.scenario import get_scenario
+
+VERSION: Final = 1
+"""Raised by every change that alters the trained agent."""
+
+
+@contextmanager
+def _exclusive(path: Path) -> Iterator[None]:
+    """Hold a lock file: whoever asks for the same artefact meanwhile waits."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def cached(folder: Path, build: Callable[[Path], None]) -> Path:
+    """The folder, built at most once however many processes ask: complete, or not there.
+
+    Args:
+        folder: Final place; its parent is made.
+        build: Writes the content into the empty folder it is given.
+    """
+    with _exclusive(folder.with_suffix(".lock")):
+        if not folder.exists():
+            scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+            try:
+                build(scratch)
+                os.rename(scratch, folder)
+            finally:
+                shutil.rmtree(scratch, ignore_errors=True)
+    return folder
+
+
+def digest(description: Mapping[str, Any]) -> str:
+    """Short hash of a JSON-like description."""
+    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:12]
+
+
+@dataclass(frozen=True, slots=True)
+class DrivingAgentSpec:
+    """What a driving agent is trained on; its hash names the cached artefact.
+
+    Attributes:
+        scenario: Name of the scenario.
+        steps: Simulation steps of 0.1 s.
+        seed: Replicate; one agent serves all seeds of the methods that ask for it.
+    """
+
+    scenario: str
+    steps: int
+    seed: int = 0
+
+    @property
+    def key(self) -> str:
+        """Folder name in the cache."""
+        learner = asdict(SACSettings())
+        layout = {"layout": LAYOUT_VERSION, "version": VERSION}
+        identity = {"id": get_scenario(self.scenario).id, **asdict(self), **learner, **layout}
+        return f"driving-agent-{digest(identity)}"
+
+
+def driving_agent(
+    spec: DrivingAgentSpec, cache: Path, progress: Callable[[int, Mapping[str, float]], None] | None = None
+) -> NetworkPolicy:
+    """The trained agent, from the cache or trained now; ``agent.json`` beside it keeps the learning curve."""
+
+    def build(folder: Path) -> None:
+        curve: list[dict[str, float]] = []
+
+        def record(steps: int, scalars: Mapping[str, float]) -> None:
+            curve.append({"steps": steps, **scalars})
+            if progress is not None:
+                progress(steps, scalars)
+
+        scenario = get_scenario(spec.scenario)
+        task = Task(scenario, spec.seed, Budget(spec.steps), cache=cache, progress=record)
+        policy = train_sac(task, action_mode=ActionMode.PLANNING, comfort=False)
+        policy.save(folder)
+        description = {"spec": asdict(spec), "scenario": scenario.id, "version": VERSION, "curve": curve}
+        (folder / "agent.json").write_text(json.dumps(description, indent=1, sort_keys=True) + "\n")
+
+    return NetworkPolicy.load(cached(cache / spec.key, build))

@@ -1,0 +1,69 @@
+"""Same numbers, fewer Python loops: replacements for three inner loops of OmniSafe, in place only while it trains."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from typing import Any, Final
+
+import scipy.signal
+import torch
+from torch.utils.data import TensorDataset
+
+from algorithms.omnisafe_library import omnisafe_module
+
+_ON_POLICY: Final = "omnisafe.algorithms.on_policy."
+
+
+class ShuffledBatches:
+    """What `torch.utils.data.DataLoader` gives for tensors, one indexing per batch instead of one per sample.
+
+    It draws from torch's global generator in the same order, so that the batches are the same.
+    """
+
+    def __init__(self, dataset: TensorDataset, batch_size: int, shuffle: bool) -> None:
+        """Take tensors of equal length; only shuffled batches are needed here."""
+        if not shuffle:
+            raise ValueError("shuffle = False: only shuffled batches are implemented.")
+        self._tensors = dataset.tensors
+        self._batch_size = batch_size
+
+    def __iter__(self) -> Iterator[list[torch.Tensor]]:
+        """One pass in a new random order; the last batch may be smaller."""
+        torch.empty((), dtype=torch.int64).random_()  # the seed that DataLoader draws for its workers
+        generator = torch.Generator()
+        generator.manual_seed(int(torch.empty((), dtype=torch.int64).random_().item()))
+        for indices in torch.randperm(len(self._tensors[0]), generator=generator).split(self._batch_size):
+            yield [tensor[indices] for tensor in self._tensors]
+
+
+def discounted_sums(values: torch.Tensor, discount: float) -> torch.Tensor:
+    """Sum of what follows each entry, discounted: y_t = x_t + discount * y_(t+1), in double precision.
+
+    Args:
+        values: Shape (T,).
+        discount: In [0, 1].
+    """
+    backwards = values.to(torch.float64).numpy()[::-1]
+    return torch.from_numpy(scipy.signal.lfilter([1.0], [1.0, -discount], backwards)[::-1].copy())
+
+
+@contextlib.contextmanager
+def fast_loops() -> Iterator[None]:
+    """Put the replacements in place; OmniSafe's own come back afterwards."""
+    buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
+    trainers = [m for name, m in sys.modules.items() if name.startswith(_ON_POLICY) and hasattr(m, "DataLoader")]
+    replaced: list[tuple[Any, str, Any]] = [(buffers, "discount_cumsum", discounted_sums)]
+    replaced += [(module, "DataLoader", ShuffledBatches) for module in trainers]
+    originals = [(module, name, getattr(module, name)) for module, name, _ in replaced]
+    validated = torch.distributions.Distribution._validate_args
+    for module, name, value in replaced:
+        setattr(module, name, value)
+    torch.distributions.Distribution.set_default_validate_args(False)
+    try:
+        yield
+    finally:
+        torch.distributions.Distribution.set_default_validate_args(validated)
+        for module, name, value in originals:
+            setattr(module, name, value)
