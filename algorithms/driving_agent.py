@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+from algorithms.artefacts import cached, digest
 from algorithms.method import Budget, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.sac import SACSettings, train_sac
@@ -23,38 +18,6 @@ from envs.scenario import get_scenario
 
 VERSION: Final = 1
 """Raised by every change that alters the trained agent."""
-
-
-@contextmanager
-def _exclusive(path: Path) -> Iterator[None]:
-    """Hold a lock file: whoever asks for the same artefact meanwhile waits."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-
-
-def cached(folder: Path, build: Callable[[Path], None]) -> Path:
-    """The folder, built at most once however many processes ask: complete, or not there.
-
-    Args:
-        folder: Final place; its parent is made.
-        build: Writes the content into the empty folder it is given.
-    """
-    with _exclusive(folder.with_suffix(".lock")):
-        if not folder.exists():
-            scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-            try:
-                build(scratch)
-                os.rename(scratch, folder)
-            finally:
-                shutil.rmtree(scratch, ignore_errors=True)
-    return folder
-
-
-def digest(description: Mapping[str, Any]) -> str:
-    """Short hash of a JSON-like description."""
-    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()[:12]
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,6 +67,11 @@ class NetworkPolicy(Policy):
         self._low = np.asarray(space.low, np.float64)
         self._high = np.asarray(space.high, np.float64)
 
+    def begin(self, worlds: int, seed: np.random.SeedSequence) -> None:
+        """Pass the seed on to the shield; the mean action needs none."""
+        if self.shield is not None:
+            self.shield.begin(seed)
+
     def act(self, observations: Observations) -> Actions:
         """Mean actions (N, A) in physical units."""
         with torch.no_grad():

@@ -6,6 +6,7 @@ import atexit
 import contextlib
 import importlib
 import importlib.util
+import io
 import os
 import random
 import sys
@@ -88,10 +89,18 @@ def omnisafe_module(name: str = "omnisafe") -> Any:
 
 
 def require_omnisafe() -> None:
-    """Raise `UnavailableMethodError` unless OmniSafe can be imported."""
-    if "omnisafe" not in sys.modules and importlib.util.find_spec("omnisafe") is None:
-        raise UnavailableMethodError(f"OmniSafe is not installed. {REMEDY}")
-    omnisafe_module()
+    """Raise `UnavailableMethodError` where OmniSafe is not installed; does not import it, which takes seconds."""
+    for name in ("omnisafe", "yaml", "tqdm"):
+        if importlib.util.find_spec(name) is None:
+            raise UnavailableMethodError(f"The package {name!r}, which this method needs, is not installed. {REMEDY}")
+
+
+def algorithm_defaults(algorithm: str) -> dict[str, Any]:
+    """Sections of OmniSafe's own configuration of an on-policy algorithm."""
+    config = omnisafe_module("omnisafe.utils.config")
+    with contextlib.redirect_stdout(io.StringIO()):
+        sections: dict[str, Any] = config.get_default_kwargs_yaml(algorithm, "", "on-policy").todict()
+    return sections
 
 
 @contextlib.contextmanager

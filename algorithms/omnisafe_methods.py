@@ -1,28 +1,132 @@
-"""prototype"""
-from __future__ import annotations
-import math, tempfile, time, sys, json
-import numpy as np, torch
-from algorithms.omnisafe_env import known_to_omnisafe
-from algorithms.omnisafe_library import *
-from algorithms.omnisafe_library import omnisafe_module
-from algorithms.omnisafe_settings import Settings
+"""CPO, FOCOPS, TRPO-Lag and the other on-policy algorithms of OmniSafe 0.5.0, on our scenarios."""
 
-def build(algo, S, worlds, T, E, gamma, limit, seed, folder):
-    om = omnisafe_module()
-    defaults = omnisafe_module("omnisafe.utils.config").get_default_kwargs_yaml(algo, "", "on-policy").todict()
-    want = {
-     "train_cfgs": dict(device="cpu", torch_threads=1, vector_env_nums=worlds, parallel=1, total_steps=worlds*T*E),
-     "algo_cfgs": dict(steps_per_epoch=worlds*T, update_iters=S.update_iters, batch_size=S.batch_size, target_kl=S.target_kl,
-        reward_normalize=False, cost_normalize=False, obs_normalize=False, gamma=gamma, cost_gamma=gamma, lam=S.gae_lambda, lam_c=S.gae_lambda,
-        cg_iters=S.cg_iters, fvp_sample_freq=S.fvp_sample_freq, cost_limit=limit, focops_lam=S.focops_lam, focops_eta=S.focops_eta),
-     "logger_cfgs": dict(use_wandb=False, use_tensorboard=False, save_model_freq=10**9, log_dir=folder),
-     "model_cfgs": dict(actor=dict(hidden_sizes=list(S.actor_hidden), activation=S.activation, lr=S.actor_lr),
-                 critic=dict(hidden_sizes=list(S.critic_hidden), activation=S.activation, lr=S.critic_lr)),
-     "lagrange_cfgs": dict(cost_limit=limit, lambda_lr=S.lambda_lr, lagrangian_upper_bound=S.lambda_max),
-    }
-    if defaults["model_cfgs"]["actor"]["lr"] is None: want["model_cfgs"]["actor"].pop("lr")
-    cfg = {"seed": seed}
-    for k, v in want.items():
-        if k in defaults:
-            cfg[k] = {a: b for a, b in v.items() if a in defaults[k]}
-    return cfg
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from algorithms.method import Method, Policy, Task
+from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
+from algorithms.omnisafe_library import algorithm_defaults, require_omnisafe
+from algorithms.omnisafe_settings import (
+    ACTIVATION,
+    ACTOR_LAYERS,
+    GAMMA_PER_STEP,
+    SETTING_NAMES,
+    configuration,
+    settings_of,
+)
+from algorithms.omnisafe_training import plan, train_actor
+from algorithms.sac import training_scalars
+from envs.observation import OBSERVATION_SIZE
+from envs.scenario import STEP_S, TIME_LIMIT_S, Scenario, UnknownNameError
+
+ALGORITHMS: Final = (
+    "CPO", "CPPOPID", "CUP", "FOCOPS", "IPO", "NaturalPG", "OnCRPO", "P3O", "PCPO", "PDO", "PPO", "PPOLag",
+    "PolicyGradient", "RCPO", "TRPO", "TRPOLag", "TRPOPID",
+)  # fmt: skip
+"""OmniSafe's on-policy algorithms but for Saute, Simmer and EarlyTerminated ones, which change observation or episode."""
+
+
+def longest_episode(scenario: Scenario) -> int:
+    """Decisions until an episode ends at the latest."""
+    return math.ceil(TIME_LIMIT_S / (STEP_S * scenario.substeps) - 1e-9)
+
+
+def train(algorithm: str, task: Task) -> NetworkPolicy:
+    """Train within the task's budget and return the deterministic policy.
+
+    Raises:
+        UnavailableMethodError: OmniSafe cannot be imported.
+        ValueError: The budget is shorter than the longest episode, or a setting is malformed.
+    """
+    settings = settings_of(algorithm).with_changes(task.settings)
+    defaults = algorithm_defaults(algorithm)
+    schedule = plan(
+        task.budget.decisions(task.scenario),
+        longest_episode(task.scenario),
+        settings.worlds,
+        settings.epoch_decisions,
+    )
+    env = task.make_env(schedule.worlds)
+
+    def progress(scalars: Mapping[str, float]) -> None:
+        task.progress(env.steps_done, {**training_scalars(env), **scalars})
+
+    trained = train_actor(
+        algorithm,
+        env,
+        schedule,
+        configuration(defaults, settings, task.cost_limit, GAMMA_PER_STEP**task.scenario.substeps),
+        task.torch_seed(),
+        progress,
+    )
+    progress({})
+    architecture = Architecture(
+        (OBSERVATION_SIZE, *ACTOR_LAYERS, len(env.single_action_space.low)), ACTIVATION, squashed=False
+    )
+    network = architecture.build()
+    copy_linear_layers([layer for layer in trained if hasattr(layer, "weight")], network)
+    return NetworkPolicy(architecture, network)
+
+
+class OnPolicyMethod(Method):
+    """What the methods here share.
+
+    Attributes:
+        algorithm: Name in OmniSafe.
+    """
+
+    version = 1
+    setting_names = SETTING_NAMES
+    algorithm: str
+
+    @classmethod
+    def check_available(cls) -> None:
+        """Raise `algorithms.registry.UnavailableMethodError` where OmniSafe is not installed."""
+        require_omnisafe()
+
+    def train(self, task: Task) -> Policy:
+        """Train on the environment's reward under its cost contract."""
+        return train(self.algorithm, task)
+
+    def load_policy(self, folder: Path, task: Task) -> Policy:
+        """The saved actor."""
+        return NetworkPolicy.load(folder)
+
+
+class CPO(OnPolicyMethod):
+    """Constrained policy optimization (Achiam et al. 2017)."""
+
+    algorithm = "CPO"
+
+
+class FOCOPS(OnPolicyMethod):
+    """First-order constrained optimization in policy space (Zhang et al. 2020)."""
+
+    algorithm = "FOCOPS"
+
+
+class TRPOLag(OnPolicyMethod):
+    """Trust-region policy optimization with a Lagrange multiplier (Ray et al. 2019)."""
+
+    algorithm = "TRPOLag"
+
+
+class OmniSafe(OnPolicyMethod):
+    """Any on-policy algorithm of OmniSafe: ``omnisafe:algo=PCPO``."""
+
+    defaults: ClassVar[dict[str, Any]] = {"algo": "PCPO"}
+
+    def __init__(self, **parameters: Any) -> None:
+        """Take parameters over the defaults.
+
+        Raises:
+            UnknownNameError: OmniSafe has no such algorithm, or it cannot run on our scenarios.
+        """
+        super().__init__(**parameters)
+        self.algorithm = str(self.parameters["algo"])
+        if self.algorithm not in ALGORITHMS:
+            raise UnknownNameError("OmniSafe algorithm", self.algorithm, list(ALGORITHMS))

@@ -1,53 +1,158 @@
-"""Settings of the OmniSafe baselines, in one place, each with its reason."""
+"""Settings of the OmniSafe baselines, in one place, each with its reason; docs/baseline-tuning.md has the figures."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any, Final
 
-from envs.scenario import STEP_S, TIME_LIMIT_S, Scenario, UnknownNameError
+GAMMA_PER_STEP: Final = 0.99
+"""Discount per 0.1 s of reward and cost (paper, appendix); per decision it is raised to the number of steps."""
+ACTOR_LAYERS: Final = (256,) * 4
+CRITIC_LAYERS: Final = (256,) * 3
+"""Hidden layers, as for the other methods (paper, appendix)."""
+ACTIVATION: Final = "relu"
+"""OmniSafe's tanh costs twenty times as much time per entry on a CPU and learnt no better."""
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """What a training needs beside its algorithm.
+class OmniSafeSettings:
+    """What may be set from outside; the rest of OmniSafe's settings are its own defaults.
 
     Attributes:
         worlds: Worlds stepped together, at most; the largest number that divides the budget is taken.
-        epoch_decisions: Decisions between two updates, over all worlds.
-        batch_size: Mini-batch of the critics, and of first-order actors.
-        update_iters: Passes over an epoch's decisions.
-        critic_lr: Adam, both critics.
-        actor_lr: Adam; first-order algorithms only.
-        target_kl: Trust region of second-order algorithms, early stop of first-order ones.
-        fvp_sample_freq: Fisher products use every k-th decision; second-order algorithms only.
-        cg_iters: Conjugate-gradient iterations; second-order algorithms only.
-        lambda_lr: Adam of the Lagrange multiplier; Lagrangian algorithms only.
-        lambda_max: Cap of the multiplier, where the algorithm has one.
-        focops_lam: Temperature of FOCOPS.
-        focops_eta: Trust region per state of FOCOPS.
-        gae_lambda: For reward and cost.
-        activation: Of all hidden layers.
-        actor_hidden: Layers of the actor.
-        critic_hidden: Layers of both critics.
+        epoch_decisions: Decisions between two updates, over all worlds; more where the longest episode needs it.
+        batch: Mini-batch of the critics, and of the actor in first-order algorithms.
+        iterations: Passes over an epoch's decisions.
+        critic_learning_rate: Adam's, of both critics.
+        actor_learning_rate: Adam's; first-order algorithms only.
+        critic_decay: Weight of the squared weights in the critics' loss; OmniSafe's 0.001 outweighs a rare cost of 1.
+        kl_limit: Trust region of second-order algorithms; early stop of first-order ones.
+        fisher_every: Fisher products use every k-th decision; the line search still measures KL on all of them.
+        fisher_iterations: Conjugate-gradient iterations.
+        multiplier: Lagrange multiplier at the start.
+        multiplier_learning_rate: Adam's, of the multiplier, one step per epoch.
+        multiplier_max: Cap of the multiplier, where the algorithm has one (FOCOPS, CUP).
+        temperature: FOCOPS' lambda.
+        gae: Decay of advantage estimates of reward and cost.
     """
 
     worlds: int = 10
     epoch_decisions: int = 2000
-    batch_size: int = 500
-    update_iters: int = 5
-    critic_lr: float = 1e-3
-    actor_lr: float = 3e-4
-    target_kl: float = 0.01
-    fvp_sample_freq: int = 10
-    cg_iters: int = 10
-    lambda_lr: float = 0.035
-    lambda_max: float = 2.0
-    focops_lam: float = 1.5
-    focops_eta: float = 0.02
-    gae_lambda: float = 0.95
-    activation: str = "tanh"
-    actor_hidden: tuple[int, ...] = (256,) * 4
-    critic_hidden: tuple[int, ...] = (256,) * 3
+    batch: int = 500
+    iterations: int = 3
+    critic_learning_rate: float = 1e-3
+    actor_learning_rate: float = 3e-4
+    critic_decay: float = 0.0
+    kl_limit: float = 0.01
+    fisher_every: int = 20
+    fisher_iterations: int = 10
+    multiplier: float = 0.001
+    multiplier_learning_rate: float = 0.035
+    multiplier_max: float = 2.0
+    temperature: float = 1.5
+    gae: float = 0.95
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot train."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            least = 1 if isinstance(item.default, int) else 0
+            if not value >= least:
+                raise ValueError(f"{item.name} = {value}: must be at least {least}.")
+
+    def with_changes(self, changes: Mapping[str, str]) -> OmniSafeSettings:
+        """These settings with ``--set`` values over them.
+
+        Raises:
+            ValueError: A value is malformed or out of range.
+        """
+        parsed: dict[str, Any] = {}
+        for item in fields(self):
+            if item.name in changes:
+                kind = type(item.default)
+                try:
+                    parsed[item.name] = kind(changes[item.name])
+                except ValueError:
+                    raise ValueError(f"{item.name} = {changes[item.name]!r}: expected {kind.__name__}.") from None
+        return replace(self, **parsed)
+
+
+SETTING_NAMES: Final = tuple(item.name for item in fields(OmniSafeSettings))
+
+_TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType({})
+
+
+def settings_of(algorithm: str) -> OmniSafeSettings:
+    """Tuned settings of an algorithm, or the common ones."""
+    return _TUNED.get(algorithm, OmniSafeSettings())
+
+
+def configuration(
+    algorithm_defaults: Mapping[str, Any], settings: OmniSafeSettings, cost_limit: float, gamma: float
+) -> dict[str, Any]:
+    """OmniSafe's custom configuration: our values for those keys that the algorithm has.
+
+    `cost_limit` goes into every section that has the key: `algo_cfgs` of CPO and its kin, `lagrange_cfgs` of the
+    Lagrangian algorithms. Keys with the value None are left out: one of them would end OmniSafe's validation.
+
+    Args:
+        algorithm_defaults: Sections of the algorithm's own configuration.
+        settings: Ours.
+        cost_limit: Bound on the undiscounted episode cost.
+        gamma: Discount per decision, of reward and cost.
+    """
+    wanted: dict[str, dict[str, Any]] = {
+        "train_cfgs": {"device": "cpu", "torch_threads": 1, "parallel": 1},
+        "logger_cfgs": {"use_wandb": False, "use_tensorboard": False, "save_model_freq": 10**9},
+        "algo_cfgs": _algorithm_section(settings, cost_limit, gamma),
+        "lagrange_cfgs": {
+            "cost_limit": cost_limit,
+            "lagrangian_multiplier_init": settings.multiplier,
+            "lambda_lr": settings.multiplier_learning_rate,
+            "lagrangian_upper_bound": settings.multiplier_max,
+        },
+        "model_cfgs": {
+            "actor": _network(ACTOR_LAYERS, settings.actor_learning_rate),
+            "critic": _network(CRITIC_LAYERS, settings.critic_learning_rate),
+        },
+    }
+    return {key: _known(wanted[key], section) for key, section in algorithm_defaults.items() if key in wanted}
+
+
+def _algorithm_section(settings: OmniSafeSettings, cost_limit: float, gamma: float) -> dict[str, Any]:
+    return {
+        "update_iters": settings.iterations,
+        "batch_size": settings.batch,
+        "target_kl": settings.kl_limit,
+        "focops_eta": settings.kl_limit,
+        "focops_lam": settings.temperature,
+        "obs_normalize": False,  # the state is scaled, and theirs would go on moving in application
+        "reward_normalize": False,
+        "cost_normalize": False,  # would hide the cost carried over an epoch's start
+        "use_critic_norm": settings.critic_decay > 0.0,
+        "critic_norm_coef": settings.critic_decay,
+        "gamma": gamma,
+        "cost_gamma": gamma,  # their buffer reads only `gamma`, for both
+        "lam": settings.gae,
+        "lam_c": settings.gae,
+        "cg_iters": settings.fisher_iterations,
+        "fvp_sample_freq": settings.fisher_every,
+        "cost_limit": cost_limit,
+        "distance": 0.0,  # OnCRPO's tolerance; its 2.0 could never bind on a cost of at most 1
+    }
+
+
+def _network(layers: tuple[int, ...], learning_rate: float) -> dict[str, Any]:
+    return {"hidden_sizes": list(layers), "activation": ACTIVATION, "lr": learning_rate}
+
+
+def _known(wanted: Mapping[str, Any], section: Mapping[str, Any]) -> dict[str, Any]:
+    """The wanted values of keys that the section has and uses: a learning rate of None stays None."""
+    chosen: dict[str, Any] = {}
+    for key, value in wanted.items():
+        if key not in section or (key == "lr" and section[key] is None):
+            continue
+        chosen[key] = _known(value, section[key]) if isinstance(value, dict) else value
+    return chosen

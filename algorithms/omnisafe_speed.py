@@ -49,12 +49,40 @@ def discounted_sums(values: torch.Tensor, discount: float) -> torch.Tensor:
     return torch.from_numpy(scipy.signal.lfilter([1.0], [1.0, -discount], backwards)[::-1].copy())
 
 
+def joined_storage(vector_buffer: type[Any]) -> type[Any]:
+    """OmniSafe's buffer of N worlds with one array per quantity, shape (T, N, ...), instead of N arrays.
+
+    The worlds' own buffers become views of it, so that a step is stored by one assignment per quantity.
+    """
+
+    class JoinedBuffer(vector_buffer):  # type: ignore[misc]
+        def __init__(self, *arguments: Any, **keywords: Any) -> None:
+            super().__init__(*arguments, **keywords)
+            names = self.buffers[0].data
+            self._joined = {name: torch.stack([b.data[name] for b in self.buffers], 1) for name in names}
+            for world, buffer in enumerate(self.buffers):
+                buffer.data = {name: values[:, world] for name, values in self._joined.items()}
+
+        def store(self, **data: torch.Tensor) -> None:
+            time = self.buffers[0].ptr
+            for name, values in data.items():
+                self._joined[name][time] = values
+            for buffer in self.buffers:
+                buffer.ptr += 1
+
+    return JoinedBuffer
+
+
 @contextlib.contextmanager
 def fast_loops() -> Iterator[None]:
     """Put the replacements in place; OmniSafe's own come back afterwards."""
     buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
     trainers = [m for name, m in sys.modules.items() if name.startswith(_ON_POLICY) and hasattr(m, "DataLoader")]
-    replaced: list[tuple[Any, str, Any]] = [(buffers, "discount_cumsum", discounted_sums)]
+    base = omnisafe_module(f"{_ON_POLICY}base.policy_gradient")
+    replaced: list[tuple[Any, str, Any]] = [
+        (buffers, "discount_cumsum", discounted_sums),
+        (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
+    ]
     replaced += [(module, "DataLoader", ShuffledBatches) for module in trainers]
     originals = [(module, name, getattr(module, name)) for module, name, _ in replaced]
     validated = torch.distributions.Distribution._validate_args

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 ENTRY_POINT_GROUP: Final = "bench.methods"
 
 _BUILT_IN: Final[dict[str, str]] = {
+    "dd-rq": "algorithms.dd_rq:DDRQ",
+    "safety-guard": "algorithms.dd_rq:FixedGuard",
     "sac": "algorithms.sac:SAC",
     "constant-speed": "algorithms.reference_drivers:ConstantSpeed",
     "cruise": "algorithms.reference_drivers:Cruise",

@@ -199,6 +199,9 @@ class SafetyGuard:
         self.options = options or GuardOptions()
         self.limits = np.zeros((0, 2))
 
+    def begin(self, seed: np.random.SeedSequence) -> None:
+        """A fixed guard draws no numbers."""
+
     def observe(self, observations: Observations) -> None:
         """A fixed guard needs no observations."""
 

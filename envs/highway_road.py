@@ -93,6 +93,10 @@ class CrossedRoad(Road):  # type: ignore[misc]
         """Move vehicles, then pedestrians; who steps off now moves from the next step on."""
         for vehicle in self.vehicles:
             vehicle.step(dt)
+        self.step_pedestrians(dt)
+
+    def step_pedestrians(self, dt: float) -> None:
+        """Walk, arrive, or step off."""
         for p in self.pedestrians:
             if p.state == CROSSING:
                 p.position = p.position + np.array([0.0, p.speed * dt])

@@ -152,6 +152,9 @@ def empty_world(worlds: int, vehicles: int, pedestrians: int) -> World:
 class Shield(Protocol):
     """Stands between policy and world at every 0.1 s step, in training and in application alike."""
 
+    def begin(self, seed: np.random.SeedSequence) -> None:
+        """Called before a roll-out; a shield that draws numbers seeds itself here."""
+
     def observe(self, observations: npt.NDArray[np.float32]) -> None:
         """Called once per decision with the policy's observations, shape (N, 47), before `filter`."""
 

@@ -1,0 +1,167 @@
+"""DD-RQ and its ablation: SAC behind a guard whose T_c is fixed, or set by the risk model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from algorithms.method import Method, Observations, Policy, Task
+from algorithms.networks import NetworkPolicy
+from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
+from algorithms.risk_training import risk_model, shuffled_values
+from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.safety_guard import GuardOptions, SafetyGuard, require_horizon
+from envs.compiled import njit
+from envs.observation import EMPTY, rank_objects
+from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
+from envs.world import FloatArray, Records, World
+
+AGENT_STEPS_MAX: Final = 500_000
+"""The driving agent gets the run's own budget, at most this many simulation steps."""
+TC_SOURCES: Final = ("model", "mean")
+RQ_SOURCES: Final = ("model", "shuffled", "printed")
+
+
+@njit
+def place_importance(
+    ego: Records, vehicles: Records, pedestrians: Records, by_slot: FloatArray, by_object: FloatArray
+) -> None:
+    """Carry IR from observation slots (N, 8) to vehicles and pedestrians (N, V + P)."""
+    slots = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.int64)
+    keys = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.float64)
+    by_object[:] = 0.0
+    for i in range(ego.shape[0]):
+        rank_objects(ego, vehicles, pedestrians, i, slots, keys)
+        for slot in range(VEHICLE_SLOTS + PEDESTRIAN_SLOTS):
+            if slots[slot] != EMPTY:
+                offset = 0 if slot < VEHICLE_SLOTS else vehicles.shape[1]
+                by_object[i, offset + slots[slot]] = by_slot[i, slot]
+
+
+class RiskGuard(SafetyGuard):
+    """Alg. 2 with T_c = k1 RQ + b1 of the risk model, refreshed at every decision.
+
+    Attributes:
+        model: The risk model.
+        risk: RQ of the last decision, shape (N,) [%].
+    """
+
+    def __init__(
+        self, model: RiskModel, tc: str = "model", rq: str = "model", options: GuardOptions | None = None
+    ) -> None:
+        """Steer by the model, or by one of its controls: constant mean T_c, RQ shuffled, RQ as printed."""
+        super().__init__(options=options)
+        self.model = model
+        self.risk = np.zeros(0)
+        self._tc_source, self._rq_source = tc, rq
+        self._rng = np.random.default_rng(0)
+        self._horizons = np.zeros(0)
+        self._by_slot = np.zeros((0, VEHICLE_SLOTS + PEDESTRIAN_SLOTS))
+        self._by_object: FloatArray | None = None
+
+    def begin(self, seed: np.random.SeedSequence) -> None:
+        """Seed the shuffled control."""
+        self._rng = np.random.default_rng(seed)
+
+    def observe(self, observations: Observations) -> None:
+        """RQ and IR of every world, held until the next decision."""
+        output = self.model(observations)
+        phi = output.value
+        if self._tc_source == "mean":
+            phi = np.full(len(phi), float(self.model.description["value_mean"]))
+        if self._rq_source == "shuffled":
+            phi = shuffled_values(self.model, self._rng.random(len(phi)))
+        self.risk = risk_percent(phi, printed=self._rq_source == "printed")
+        self._horizons = adjustment_time(self.risk)
+        self._by_slot = output.importance
+        self._by_object = None
+
+    def horizons(self, world: World) -> FloatArray:
+        """T_c of every world, (N,) [s]."""
+        return self._horizons
+
+    def importance(self, world: World) -> FloatArray:
+        """IR of every vehicle, then every pedestrian, (N, V + P); placed once per decision."""
+        if self._by_object is None:
+            self._by_object = np.empty((len(world), world.vehicles.shape[1] + world.pedestrians.shape[1]))
+            place_importance(world.ego, world.vehicles, world.pedestrians, self._by_slot, self._by_object)
+        return self._by_object
+
+
+class RiskGuardedPolicy(NetworkPolicy):
+    """A network policy that carries its risk model with it."""
+
+    def save(self, folder: Path) -> None:
+        """Write actor and risk model."""
+        super().save(folder)
+        assert isinstance(self.shield, RiskGuard)
+        self.shield.model.save(folder)
+
+
+class FixedGuard(Method):
+    """SAC behind the safety guard with a fixed T_c (``safety-guard:tc=3.0``).
+
+    ``reserve=false`` switches the guard's correction off, ``literal=true`` switches to the printed Alg. 2.
+    """
+
+    version = 1
+    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "reserve": True, "literal": False}
+    setting_names = SETTING_NAMES
+
+    def shield(self) -> SafetyGuard:
+        """The guard of these parameters."""
+        literal = self.parameters["literal"]
+        options = GuardOptions(literal, literal, literal, literal, self.parameters["reserve"])
+        return SafetyGuard(require_horizon(self.parameters["tc"]), options)
+
+    def __init__(self, **parameters: Any) -> None:
+        """Check T_c at once, not when training begins."""
+        super().__init__(**parameters)
+        require_horizon(self.parameters["tc"])
+
+    def train(self, task: Task) -> Policy:
+        """Train with the guard between policy and world; r_risk is paid where it intervenes."""
+        return train_sac(task, self.shield())
+
+    def load_policy(self, folder: Path, task: Task) -> Policy:
+        """The saved actor behind the same guard."""
+        return NetworkPolicy.load(folder, self.shield())
+
+
+class DDRQ(Method):
+    """The paper's method: SAC behind the adjustable guard; its controls are parameters.
+
+    ``tc=mean``: constant mean T_c. ``rq=shuffled``: RQ drawn from its own distribution, without relation to the
+    scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi.
+    """
+
+    version = 1
+    defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model"}
+    setting_names = SETTING_NAMES
+
+    def __init__(self, **parameters: Any) -> None:
+        """Check the choices.
+
+        Raises:
+            ValueError: A choice is unknown.
+        """
+        super().__init__(**parameters)
+        for key, known in (("tc", TC_SOURCES), ("rq", RQ_SOURCES)):
+            if self.parameters[key] not in known:
+                raise ValueError(f"{self.name}:{key} = {self.parameters[key]!r}: must be one of {', '.join(known)}.")
+
+    def train(self, task: Task) -> Policy:
+        """Train or fetch driving agent and risk model, then train behind the guard that they steer."""
+        model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache)
+        shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
+        shield.begin(task.stream("shield"))
+        trained = train_sac(task, shield)
+        return RiskGuardedPolicy(trained.architecture, trained.network, trained.action_mode, shield)
+
+    def load_policy(self, folder: Path, task: Task) -> Policy:
+        """The saved actor behind the saved risk model."""
+        shield = RiskGuard(RiskModel.load(folder, task.scenario.id), self.parameters["tc"], self.parameters["rq"])
+        loaded = NetworkPolicy.load(folder, shield)
+        return RiskGuardedPolicy(loaded.architecture, loaded.network, loaded.action_mode, shield)
