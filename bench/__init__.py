@@ -1,0 +1,1 @@
+"""Running and judging: specifications, records, evaluation, statistics and tables."""
