@@ -1,0 +1,123 @@
+"""DD-RQ, the fixed guard and the controls as methods."""
+
+import json
+
+import numpy as np
+import pytest
+
+from algorithms.artefacts import cached
+from algorithms.dd_rq import RiskGuard
+from algorithms.method import Budget, Task
+from algorithms.registry import get_method
+from algorithms.risk_model import RiskOutput
+from envs.driving_env import DrivingVectorEnv
+from envs.observation import decode
+from envs.scenario import get_scenario
+
+
+class Model:
+    """A risk model that says what it is told."""
+
+    description = {"value_mean": 1.7, "value_quantiles": [0.5, 4.0]}
+
+    def __init__(self, value):
+        self.value = value
+
+    def __call__(self, observations):
+        n = len(observations)
+        importance = np.zeros((n, 8))
+        importance[:, 0] = 1.0
+        return RiskOutput(np.full(n, self.value), importance)
+
+
+def observed(guard, scenario="b", worlds=4):
+    env = DrivingVectorEnv(scenario, worlds, shield=guard)
+    observations, _ = env.reset(seed=2)
+    guard.observe(observations)
+    return env, observations
+
+
+def test_the_models_planning_time_becomes_the_adjustment_time():
+    guard = RiskGuard(Model(2.2))
+    env, _ = observed(guard)
+    assert guard.horizons(env.world) == pytest.approx([2.2] * 4)
+    assert guard.risk == pytest.approx([100.0 * 1.8 / 3.5] * 4)
+
+
+@pytest.mark.parametrize(("tc", "rq", "expected"), [("mean", "model", 1.7), ("model", "printed", 4.5 - 2.2)])
+def test_controls_replace_the_models_value(tc, rq, expected):
+    guard = RiskGuard(Model(2.2), tc, rq)
+    env, _ = observed(guard)
+    assert guard.horizons(env.world) == pytest.approx([expected] * 4)
+
+
+def test_the_shuffled_control_draws_from_the_distribution_and_repeats_with_its_seed():
+    guard = RiskGuard(Model(2.2), rq="shuffled")
+    drawn = []
+    for _ in range(2):
+        guard.begin(np.random.SeedSequence(7))
+        env, _ = observed(guard)
+        drawn.append(guard.horizons(env.world).copy())
+    assert np.array_equal(drawn[0], drawn[1])
+    assert len(set(drawn[0])) == 4
+
+
+def test_importance_reaches_the_object_that_its_slot_shows():
+    guard = RiskGuard(Model(2.2))
+    env, observations = observed(guard, "a-dense", 16)
+    importance = guard.importance(env.world)
+    nearest = np.abs(env.world.vehicles["s"] - env.world.ego["s"][:, None]).argmin(1)
+    assert np.array_equal(importance.argmax(1), nearest)
+    assert importance.sum(1) == pytest.approx(np.ones(16))
+    shown = decode(observations).vehicle_ds[:, 0]
+    expected = np.take_along_axis(env.world.vehicles["s"], nearest[:, None], 1)[:, 0] - env.world.ego["s"]
+    assert shown == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("safety-guard:tc=0", "T_c = 0.0"),
+        ("safety-guard:tc=nan", "T_c = nan"),
+        ("safety-guard:tc=three", "expected float"),
+        ("dd-rq:rq=shuffeld", "shuffled"),
+        ("dd-rq:tk=1", "tc"),
+    ],
+)
+def test_bad_parameters_are_named(spec, message):
+    with pytest.raises(ValueError, match=message):
+        get_method(spec)
+
+
+def test_dd_rq_trains_saves_and_loads_at_a_token_budget(tmp_path):
+    method = get_method("dd-rq")
+    task = Task(get_scenario("a"), 0, Budget(1600), cache=tmp_path / "cache")
+    policy = method.train(task)
+    folder = tmp_path / "policy"
+    folder.mkdir()
+    policy.save(folder)
+    loaded = method.load_policy(folder, task)
+    env = DrivingVectorEnv("a", 8, shield=policy.shield)
+    observations, _ = env.reset(seed=0)
+    assert np.array_equal(policy.act(observations), loaded.act(observations))
+    policy.shield.observe(observations)
+    loaded.shield.observe(observations)
+    assert np.array_equal(policy.shield.horizons(env.world), loaded.shield.horizons(env.world))
+    assert task.steps_done() == 1600
+    agents = list((tmp_path / "cache").glob("driving-agent-*/agent.json"))
+    assert len(agents) == 1 and json.loads(agents[0].read_text())["curve"]
+    # A second seed finds the shared artefacts and trains neither again.
+    stamp = agents[0].stat().st_mtime_ns
+    method.train(Task(get_scenario("a"), 1, Budget(1600), cache=tmp_path / "cache"))
+    assert agents[0].stat().st_mtime_ns == stamp
+
+
+def test_an_artefact_that_fails_to_build_leaves_nothing(tmp_path):
+    def fail(folder):
+        (folder / "half").write_text("x")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        cached(tmp_path / "thing", fail)
+    assert [path.name for path in tmp_path.iterdir()] == ["thing.lock"]
+    assert cached(tmp_path / "thing", lambda folder: (folder / "whole").touch()).joinpath("whole").exists()

@@ -1,0 +1,132 @@
+"""The hand-written update gives what stable-baselines3's update gives."""
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import ReplayBuffer
+
+from algorithms.fast_sac import FastSAC, PackedReplayBuffer, reproducible
+from algorithms.sb3_env import StableBaselinesEnv
+from envs.driving_env import DrivingVectorEnv
+
+WORLDS = 8
+
+
+def trained(learner, updates, batch=64, seed=1):
+    env = DrivingVectorEnv("b", WORLDS)
+    env.reset(seed=3)
+    with reproducible(seed):
+        model = learner(
+            "MlpPolicy",
+            StableBaselinesEnv(env),
+            buffer_size=2000,
+            learning_starts=400,
+            batch_size=batch,
+            train_freq=1,
+            gradient_steps=2,
+            gamma=0.951,
+            policy_kwargs={"net_arch": {"pi": [32, 32, 32, 32], "qf": [32, 32, 32]}},
+            seed=seed,
+            device="cpu",
+        )
+        model.learn(400 + WORLDS * updates // 2)
+    return model
+
+
+@pytest.fixture(scope="module")
+def both():
+    return trained(SAC, 60), trained(FastSAC, 60)
+
+
+def test_weights_equal_the_stock_learners_after_many_updates(both):
+    stock, fast = (dict(model.policy.named_parameters()) for model in both)
+    assert stock.keys() == fast.keys()
+    for name, value in stock.items():
+        error = float(((value - fast[name]).norm() / value.norm()).detach())
+        assert error < 1e-5, f"{name}: {error}"
+
+
+def test_temperature_equals_the_stock_learners(both):
+    stock, fast = both
+    assert fast.log_ent_coef.item() == pytest.approx(stock.log_ent_coef.item(), rel=1e-5)
+    assert fast.log_ent_coef.item() != 0.0
+
+
+def test_gradients_of_one_update_equal_autograds():
+    stock, fast = trained(SAC, 4), trained(FastSAC, 4)
+    for model in (stock, fast):
+        with reproducible(9):
+            model.train(1, 64)
+    # Only the actor's: autograd adds the actor loss's gradients to those of the critics.
+    for theirs, ours in zip(stock.actor.parameters(), fast.actor.parameters(), strict=True):
+        assert float((ours.grad - theirs.grad).norm()) <= 1e-5 * float(theirs.grad.norm())
+
+
+def test_the_update_learns_from_truncation_as_a_continuation():
+    space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+    packed = PackedReplayBuffer(10, space, spaces.Box(-1.0, 1.0, (1,), np.float32), "cpu", 2)
+    zeros, ones = np.zeros((2, 3), np.float32), np.ones((2, 3), np.float32)
+    infos = [{"TimeLimit.truncated": True}, {"TimeLimit.truncated": False}]
+    packed.add(zeros, ones, np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([True, True]), infos)
+    assert packed.rows[0, :, 5].tolist() == [0.0, 1.0]
+    assert packed.rows[0, :, 4].tolist() == [1.0, 2.0]
+
+
+def test_packed_buffer_samples_what_the_original_samples():
+    observation, action = spaces.Box(-1.0, 1.0, (3,), np.float32), spaces.Box(-1.0, 1.0, (2,), np.float32)
+    buffers = [kind(40, observation, action, "cpu", 4) for kind in (PackedReplayBuffer, ReplayBuffer)]
+    rng = np.random.default_rng(0)
+    for _ in range(13):  # more than the capacity of 10: the ring closes
+        transition = (
+            rng.random((4, 3), np.float32), rng.random((4, 3), np.float32), rng.random((4, 2), np.float32),
+            rng.random(4, np.float32), rng.random(4) < 0.3,
+        )  # fmt: skip
+        for buffer in buffers:
+            buffer.add(*transition, [{} for _ in range(4)])
+    with reproducible(5):
+        rows = buffers[0].sample_rows(32)
+    with reproducible(5):
+        batch = buffers[1].sample(32)
+    assert torch.equal(rows[:, :3], batch.observations)
+    assert torch.equal(rows[:, 3:5], batch.actions)
+    assert torch.equal(rows[:, 5:6], batch.rewards)
+    assert torch.equal(rows[:, 6:7], batch.dones)
+    assert torch.equal(rows[:, 7:], batch.next_observations)
+
+
+def test_reproducible_leaves_the_global_generators_as_they_were():
+    torch.manual_seed(3)
+    np.random.seed(3)
+    expected = (float(torch.rand(1)), float(np.random.rand()))
+    torch.manual_seed(3)
+    np.random.seed(3)
+    with reproducible(1):
+        torch.rand(5)
+        np.random.rand(5)
+    assert (float(torch.rand(1)), float(np.random.rand())) == expected
+
+
+@pytest.mark.learning
+def test_it_finds_the_optimum_of_a_one_step_task():
+    import gymnasium
+
+    class Sign(gymnasium.Env):
+        observation_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+        def reset(self, *, seed=None, options=None):
+            super().reset(seed=seed)
+            self.state = self.np_random.choice([-1.0, 1.0])
+            return np.array([self.state], np.float32), {}
+
+        def step(self, action):
+            reward = 1.0 - float((action[0] - 0.5 * self.state) ** 2)
+            return np.array([self.state], np.float32), reward, True, False, {}
+
+    model = FastSAC("MlpPolicy", Sign(), learning_starts=100, seed=0, device="cpu")
+    model.learn(1500)
+    for state in (-1.0, 1.0):
+        action, _ = model.predict(np.array([state], np.float32), deterministic=True)
+        assert action[0] == pytest.approx(0.5 * state, abs=0.15)
