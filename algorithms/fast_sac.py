@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import torch
@@ -83,7 +83,8 @@ def backward(
     for index in range(len(layers) - 1, -1, -1):
         layer, before = layers[index], activations[index]
         if weights:
-            assert layer.weight.grad is not None and layer.bias.grad is not None
+            assert layer.weight.grad is not None
+            assert layer.bias.grad is not None
             torch.mm(gradient.t(), before, out=layer.weight.grad)
             torch.sum(gradient, 0, out=layer.bias.grad)
         if index == 0 and not inputs:
@@ -112,13 +113,14 @@ class FastSAC(StableBaselinesSAC):
                 parameter.grad = torch.zeros_like(parameter)
         # Mean and log standard deviation are two heads on one trunk.
         self._trunk = linear_layers(self.actor.latent_pi)
+        self._mean, self._log_std = cast(nn.Linear, self.actor.mu), cast(nn.Linear, self.actor.log_std)
         self._critics = [linear_layers(network) for network in self.critic.q_networks]
         self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
         self.policy.set_training_mode(True)
-        assert self.ent_coef_optimizer is not None and self.log_ent_coef is not None
+        assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
         with torch.no_grad():
@@ -144,7 +146,8 @@ class FastSAC(StableBaselinesSAC):
         target = reward + (1.0 - terminated) * self.gamma * (value - alpha * sample.log_prob[batch_size:])
         critic_loss = self._update_critics(state_action, target)
         actor_loss = self._update_actor(both[:batch_size], activations, sample, alpha)
-        online, slow = list(self.critic.parameters()), list(self.critic_target.parameters())
+        online: list[Tensor] = list(self.critic.parameters())
+        slow: list[Tensor] = list(self.critic_target.parameters())
         torch._foreach_lerp_(slow, online, self.tau)
         return alpha, actor_loss, critic_loss
 
@@ -152,8 +155,8 @@ class FastSAC(StableBaselinesSAC):
         """Squashed Gaussian actions of the actor and their log-probabilities, for states then next states."""
         # The trunk ends in a ReLU of its own.
         hidden = activations[-1].relu_()
-        mean = torch.addmm(self.actor.mu.bias, hidden, self.actor.mu.weight.t())
-        raw = torch.addmm(self.actor.log_std.bias, hidden, self.actor.log_std.weight.t())
+        mean = torch.addmm(self._mean.bias, hidden, self._mean.weight.t())
+        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t())
         log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
         zeros, ones = torch.zeros_like(mean[:batch_size]), torch.ones_like(mean[:batch_size])
         noise = torch.cat([torch.normal(zeros, ones), torch.normal(zeros, ones)])
@@ -165,9 +168,10 @@ class FastSAC(StableBaselinesSAC):
 
     def _update_temperature(self, log_prob: Tensor) -> float:
         """Temperature before this step's update, which follows."""
-        assert self.log_ent_coef is not None and self.ent_coef_optimizer is not None
+        assert self.log_ent_coef is not None
+        assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
-        self.log_ent_coef.grad = -(log_prob + self.target_entropy).mean().reshape(1)
+        self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
         self.ent_coef_optimizer.step()
         return alpha
 
@@ -210,7 +214,9 @@ class FastSAC(StableBaselinesSAC):
         batch = len(to_mean)
         hidden = activations[-1][:batch]
         gradient = torch.zeros_like(hidden)
-        for head, incoming in ((self.actor.mu, to_mean), (self.actor.log_std, to_log_std)):
+        for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
+            assert head.weight.grad is not None
+            assert head.bias.grad is not None
             torch.mm(incoming.t(), hidden, out=head.weight.grad)
             torch.sum(incoming, 0, out=head.bias.grad)
             gradient += torch.mm(incoming, head.weight)

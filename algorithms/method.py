@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -165,11 +165,11 @@ class Method(ABC):
         setting_names: Keys that ``--set NAME.KEY=VALUE`` may carry.
     """
 
-    name: str
-    version: int = 1
-    trains: bool = True
-    defaults: Mapping[str, Any] = {}
-    setting_names: tuple[str, ...] = ()
+    name: ClassVar[str]
+    version: ClassVar[int] = 1
+    trains: ClassVar[bool] = True
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    setting_names: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **parameters: Any) -> None:
         """Take parameters over the defaults.
@@ -184,8 +184,8 @@ class Method(ABC):
             )
         self.parameters: Final[dict[str, Any]] = {**self.defaults, **parameters}
 
-    @classmethod
-    def check_available(cls) -> None:  # noqa: B027
+    @classmethod  # noqa: B027
+    def check_available(cls) -> None:
         """Raise `algorithms.registry.UnavailableMethodError` where the method cannot be used."""
 
     @property

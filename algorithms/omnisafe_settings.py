@@ -35,6 +35,8 @@ class OmniSafeSettings:
         multiplier_learning_rate: Adam's, of the multiplier, one step per epoch.
         multiplier_max: Cap of the multiplier, where the algorithm has one (FOCOPS, CUP).
         temperature: FOCOPS' lambda.
+        noise_first: Standard deviation of exploration after the first epoch, of half the action's range; 0 learns it.
+        noise_last: The same after the last epoch; linear in between.
         gae: Decay of advantage estimates of reward and cost.
     """
 
@@ -52,6 +54,8 @@ class OmniSafeSettings:
     multiplier_learning_rate: float = 0.035
     multiplier_max: float = 2.0
     temperature: float = 1.5
+    noise_first: float = 0.0
+    noise_last: float = 0.0
     gae: float = 0.95
 
     def __post_init__(self) -> None:
@@ -114,6 +118,8 @@ def configuration(
             "lagrangian_upper_bound": settings.multiplier_max,
         },
         "model_cfgs": {
+            "exploration_noise_anneal": settings.noise_first > 0.0,
+            "std_range": [settings.noise_first, settings.noise_last],
             "actor": _network(ACTOR_LAYERS, settings.actor_learning_rate),
             "critic": _network(CRITIC_LAYERS, settings.critic_learning_rate),
         },

@@ -88,11 +88,8 @@ def train_actor(
     trainer: Any = None
 
     def epoch_begins() -> None:
-        import os
-        if os.environ.get("FRESH"):
-            trainer.logger._data["Metrics/EpCost"].clear()
-        lagrange = getattr(trainer, "_lagrange", None)
-        progress({} if lagrange is None else {"multiplier": float(lagrange.lagrangian_multiplier)})
+        if trainer is not None:
+            progress(_epoch_scalars(trainer))
 
     with (
         process_state_kept(),
@@ -109,6 +106,23 @@ def train_actor(
             close_logger(trainer.logger)
     network: torch.nn.Sequential = trainer._actor_critic.actor.mean
     return network
+
+
+def _epoch_scalars(trainer: Any) -> dict[str, float]:
+    """What the epoch that ended was trained with; its episode costs are forgotten after that.
+
+    OmniSafe holds the constraint against the last 50 episodes. Where an epoch has fewer, the mean lags behind the
+    policy by epochs: CPO then brakes to a standstill over collisions that no longer happen.
+    """
+    scalars = {}
+    costs = trainer.logger._data["Metrics/EpCost"]
+    if costs:
+        scalars["episode_cost"] = sum(costs) / len(costs)
+        costs.clear()
+    lagrange = getattr(trainer, "_lagrange", None)
+    if lagrange is not None:
+        scalars["multiplier"] = float(lagrange.lagrangian_multiplier)
+    return scalars
 
 
 def _with_schedule(

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from algorithms.method import Actions, Method, Observations, Policy, Task
+from algorithms.method import Actions, Method, Observations, Policy, Shield, Task
+from algorithms.safety_guard import SafetyGuard, require_horizon
 from envs.driving_env import action_space
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2
@@ -85,15 +86,18 @@ def idm(
     desired = jam_distance + v * headway + v * (v - leader_speed) / (2.0 * np.sqrt(acceleration * braking))
     interaction = (np.maximum(desired, 0.0) / np.maximum(distance, 0.1)) ** 2
     free = 1.0 - (speed / EGO_SPEED_MAX_MPS) ** EXPONENT
-    return np.clip(
-        acceleration * (free - interaction.max(axis=1)), ACCELERATION_MIN_MPS2, ACCELERATION_MAX_MPS2
-    )
+    unclipped: FloatArray = acceleration * (free - interaction.max(axis=1))
+    return np.clip(unclipped, ACCELERATION_MIN_MPS2, ACCELERATION_MAX_MPS2)
 
 
 class ScriptedPolicy(Policy):
     """A driver that needs no weights; saved as its name."""
 
     driver = ""
+
+    def __init__(self, shield: Shield | None = None) -> None:
+        """Drive behind a shield, or without."""
+        self.shield = shield
 
     def act(self, observations: Observations) -> Actions:
         """Actions (N, 2) [m, m/s2]."""
@@ -133,8 +137,9 @@ class RandomPolicy(ScriptedPolicy):
 
     driver = "random"
 
-    def __init__(self) -> None:
+    def __init__(self, shield: Shield | None = None) -> None:
         """Draw from a fixed stream until `begin` names one."""
+        super().__init__(shield)
         self._rng = np.random.default_rng(0)
         self._space = action_space(self.action_mode)
 
@@ -257,3 +262,43 @@ class Cruise(ReferenceDriver):
     """The careful overtaker of the calibration."""
 
     policy = CruisePolicy
+
+
+class GuardedDriver(Method):
+    """A scripted driver behind the safety guard with a fixed T_c."""
+
+    version = 1
+    trains = False
+    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0}
+    policy: ClassVar[type[ScriptedPolicy]]
+
+    def __init__(self, **parameters: Any) -> None:
+        """Check T_c at once."""
+        super().__init__(**parameters)
+        require_horizon(self.parameters["tc"])
+
+    def train(self, task: Task) -> Policy:
+        """Nothing to learn."""
+        return self.policy(SafetyGuard(self.parameters["tc"]))
+
+    def load_policy(self, folder: Path, task: Task) -> Policy:
+        """The driver itself; the folder only names it."""
+        return self.train(task)
+
+
+class RandomGuarded(GuardedDriver):
+    """Uniformly random actions behind the guard: the guard's own worth."""
+
+    policy = RandomPolicy
+
+
+class CruiseGuarded(GuardedDriver):
+    """The careful overtaker behind the guard: the ceiling of what can be learnt there."""
+
+    policy = CruisePolicy
+
+
+class ConstantSpeedGuarded(GuardedDriver):
+    """Lane and speed kept, unless the guard objects."""
+
+    policy = ConstantSpeedPolicy

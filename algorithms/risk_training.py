@@ -190,4 +190,5 @@ def risk_model(
 def shuffled_values(model: RiskModel, draws: FloatArray) -> FloatArray:
     """Values drawn from the model's own held-out distribution, by uniform draws in [0, 1): time order destroyed."""
     quantiles = np.asarray(model.description["value_quantiles"])
-    return np.interp(draws, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+    values: FloatArray = np.interp(draws, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+    return values

@@ -69,7 +69,7 @@ class SACSettings:
         changes: dict[str, Any] = {}
         for item in fields(cls):
             if item.name in settings:
-                kind = type(item.default)
+                kind: Any = type(item.default)
                 try:
                     changes[item.name] = kind(settings[item.name])
                 except ValueError:

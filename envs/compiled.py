@@ -7,7 +7,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -52,9 +52,11 @@ numba.config.THREADING_LAYER = "workqueue"
 
 def njit(function: F) -> F:
     """Compile a kernel: cached on disk, numpy's division rules, no fast-math (results are repeatable)."""
-    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+    compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
+    return cast(F, compiled)
 
 
 def njit_parallel(function: F) -> F:
     """The same with `prange` over worlds on numba's threads."""
-    return numba.njit(cache=True, error_model="numpy", parallel=True)(function)  # type: ignore[no-any-return]
+    compiled: Any = numba.njit(cache=True, error_model="numpy", parallel=True)(function)
+    return cast(F, compiled)

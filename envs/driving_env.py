@@ -86,8 +86,9 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         autoreset: False leaves finished worlds ended until `reset` (mode DISABLED).
 
     Attributes:
-        on_substep: Called after every 0.1 s step with the worlds, the proposed targets (N,) [m] and accelerations
-            (N,) [m/s2] and the shield's flags (N,), or None. Must not change them. Worlds that have ended stand still.
+        on_substep: Called after every 0.1 s step with the worlds, the proposed targets (N,) [m] and
+            accelerations (N,) [m/s2] and the shield's flags (N,), or None. Must not change them. Worlds that
+            have ended stand still.
 
     Raises:
         ValueError: ``num_envs`` or ``threads`` is below 1.
@@ -250,7 +251,9 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         safe_targets, safe_commands, intervened, horizon = targets, commands, quiet, None
         for _ in range(self.scenario.substeps):
             if self.shield is not None:
-                safe_targets, safe_commands, intervened, horizon = self.shield.filter(self.world, targets, commands)
+                safe_targets, safe_commands, intervened, horizon = self.shield.filter(
+                    self.world, targets, commands
+                )
             self._advance(
                 safe_targets, safe_commands, horizons if horizon is None else horizon, speeds,
                 targets, commands, intervened, 1, sums,

@@ -21,7 +21,7 @@ from envs.geometry import (
     rectangles_overlap,
 )
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, move_ego, planned_acceleration, steer
-from envs.observation import PEDESTRIAN_SLOTS, VEHICLE_SLOTS, write_observation
+from envs.observation import write_observation
 from envs.reward import (
     COLLISION_REWARD,
     LOW_TTC_S,
@@ -33,7 +33,7 @@ from envs.reward import (
     path_exposure,
     speed_reward,
 )
-from envs.scenario import GOAL_M, STEP_S, TIME_LIMIT_S
+from envs.scenario import GOAL_M, PEDESTRIAN_SLOTS, STEP_S, TIME_LIMIT_S, VEHICLE_SLOTS
 from envs.world import CROSSING, BoolArray, Ending, Fault, FloatArray, Records
 
 STEPS_MAX: Final = round(TIME_LIMIT_S / STEP_S)
@@ -85,10 +85,12 @@ def find_contact(
             v.s - e.s, v.d - e.d, e.heading, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M,
             v.heading, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M,
         ):  # fmt: skip
-            # The other's position before the step, from its own motion (exact where it keeps its lane).
+            # The other's position before the step: its last move (traffic.move) undone.
             speed = v.speed - v.acceleration * STEP_S
-            lateral_speed = speed * math.sin(v.heading)
-            s_other = v.s - speed * math.cos(v.heading) * STEP_S
+            slip = math.atan(0.5 * math.tan(v.steering))
+            course = v.heading - speed * math.sin(slip) / (VEHICLE_LENGTH_M / 2) * STEP_S + slip
+            lateral_speed = speed * math.sin(course)
+            s_other = v.s - speed * math.cos(course) * STEP_S
             d_other = v.d - lateral_speed * STEP_S
             return judge_contact(s_other - s_before, d_other - d_before, e.lateral_speed, lateral_speed)
     for j in range(pedestrians.shape[1]):

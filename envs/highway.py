@@ -1,8 +1,8 @@
 """The oracle: the same Scenario on highway-env's own vehicles, lanes and road.
 
-Traffic decides and moves by highway-env's `IDMVehicle`, the ego is integrated by its `Vehicle`. What is ours, the
-pedestrians, contact, endings, rewards and costs, is written down here a second time from its definition, without
-the engine's code. Only the ego's plan and its PID (`envs.motion.steer`) are shared.
+Traffic decides and moves by highway-env's `IDMVehicle`, the ego is integrated by its `Vehicle`. What is ours
+(pedestrians, contact, endings, rewards, costs) is written down here a second time from its definition, without the
+engine's code. Only the ego's plan and its PID (`envs.motion.steer`) are shared.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class StepOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Where everybody is: (s, d) of the ego (2,), the vehicles (V, 2), NaN where absent, and pedestrians (P, 2) [m]."""
+    """(s, d) of the ego (2,), the vehicles (V, 2), NaN where absent, and the pedestrians (P, 2) [m]."""
 
     ego: FloatArray
     vehicles: FloatArray

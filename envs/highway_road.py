@@ -1,7 +1,7 @@
-"""highway-env's road and its users with what this project adds: walking pedestrians, and speeds within bounds.
+"""highway-env's road and its users, with walking pedestrians and with speeds within bounds.
 
-Deviations from highway-env, the same as the engine's: speeds stay within [0, 13.89] m/s (ego) and at or above 0
-(traffic); predicted collisions have no effect; pedestrians are stepped.
+Deviations from highway-env, the same as the engine's: speeds stay within [0, 13.89] m/s (ego) and at or
+above 0 (traffic); predicted collisions have no effect; pedestrians are stepped.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def three_lane_network(up: float = 1.0) -> RoadNetwork:
 class EgoVehicle(Vehicle):  # type: ignore[misc]
     """The ego on highway-env's bicycle model; MOBIL reasons about it as a driver who wants v_max."""
 
+    speed: float
     target_speed = EGO_SPEED_MAX_MPS
 
     def step(self, dt: float) -> None:
@@ -56,6 +57,8 @@ class EgoVehicle(Vehicle):  # type: ignore[misc]
 
 class TrafficVehicle(IDMVehicle):  # type: ignore[misc]
     """highway-env's IDM and MOBIL driver."""
+
+    speed: float
 
     def step(self, dt: float) -> None:
         """Move; the speed stays at or above 0."""
@@ -116,7 +119,7 @@ class CrossedRoad(Road):  # type: ignore[misc]
         return all(self._lets_cross(car, p) for car in traffic)
 
     def _lets_cross(self, car: TrafficVehicle, p: Pedestrian) -> bool:
-        """Whether a car at constant speed has passed, or could brake, when the pedestrian reaches its lane."""
+        """Whether a car at constant speed has passed or could brake when the pedestrian reaches its lane."""
         half_band = LANE_WIDTH_M / 2 + 1.0
         metres = max(0.0, abs(LANE_CENTRES_M[car.lane_index[2]] - p.position[1]) - half_band)
         ahead = p.position[0] - (car.position[0] + car.speed * metres / abs(p.speed))

@@ -9,7 +9,6 @@ import numpy as np
 
 from envs import pedestrians as crossing
 from envs import traffic
-from envs.geometry import VEHICLE_LENGTH_M
 from envs.scenario import EGO_SPEED_MAX_MPS, GOAL_M, LANE_WIDTH_M, LANES, SPAWN_STRETCH_M, Scenario
 from envs.world import WAITING, FloatArray, World, empty_world
 

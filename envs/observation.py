@@ -7,12 +7,12 @@
 | 2 | speed of the ego | v / 13.89 m/s |
 | 3 | lateral speed of the ego | m/s |
 | 4 | heading of the ego | rad |
-| 5 + 5 i + (0..4), i = 0..4 | i-th nearest vehicle by abs(ds): ds, dd, dv_s, dv_d, heading | 200 m, 10.5 m, 11.11 m/s, m/s, rad |
-| 30 + 3 j + (0..2), j = 0..2 | j-th nearest crossing pedestrian: ds, dd, v_d | 200 m, 10.5 m, m/s |
+| 5 + 5 i + (0..4) | i-th nearest vehicle, i = 0..4: ds, dd, dv_s, dv_d, heading | 200 m, 10.5 m, 11.11 m/s, m/s, rad |
+| 30 + 3 j + (0..2) | j-th nearest crossing pedestrian, j = 0..2: ds, dd, v_d | 200 m, 10.5 m, m/s |
 | 39..43 | 1 where the vehicle slot is filled | |
 | 44..46 | 1 where the pedestrian slot is filled | |
 
-Bodies farther than 200 m away are not seen. Empty slots are 0 and their mask is 0.
+Nearest by abs(ds). Bodies farther than 200 m away are not seen. Empty slots are 0 and their mask is 0.
 """
 
 from __future__ import annotations

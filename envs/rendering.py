@@ -42,7 +42,7 @@ EGO_COLOUR: Final[Colour] = (50, 200, 0)
 CRASHED_COLOUR: Final[Colour] = (230, 50, 50)
 VEHICLE_COLOUR: Final[Colour] = (100, 200, 255)
 PEDESTRIAN_COLOUR: Final[Colour] = (255, 170, 0)
-WAITING_COLOUR: Final[Colour] = (150, 150, 140)
+WAITING_COLOUR: Final[Colour] = (205, 190, 110)
 VERGE_COLOUR: Final[Colour] = (62, 82, 58)
 TEXT_COLOUR: Final[Colour] = (255, 255, 255)
 SHADE_COLOUR: Final[Colour] = (25, 30, 25)
@@ -96,7 +96,7 @@ def _draw_road(surface: WorldSurface) -> None:
     draw.rect(surface, VERGE_COLOUR, Rect(0, 0, width, top))
     draw.rect(surface, VERGE_COLOUR, Rect(0, bottom, width, height - bottom))
     goal = [surface.pos2pix(GOAL_M, y) for y in (-ROAD_EDGE_M, ROAD_EDGE_M)]
-    draw.line(surface, TEXT_COLOUR, *goal, width=surface.pix(0.6))
+    draw.line(surface, TEXT_COLOUR, goal[0], goal[1], surface.pix(0.6))
 
 
 class _Car(Vehicle):  # type: ignore[misc]
@@ -167,8 +167,8 @@ def _write_overlay(picture: Surface, scenario: Scenario, world: World, row: int,
     _write(picture, scenario.id, WIDTH_PX - 10 - _font(18).size(scenario.id)[0], HEIGHT_PX - 42)
     for k, line in enumerate(reversed(lines)):
         _write(picture, line, 10, HEIGHT_PX - 44 - 20 * k, size=22)
-    half = VIEW_M / 2
-    for mark in range(math.ceil((ego["s"] - half) / MARK_EVERY_M), math.floor((ego["s"] + half) / MARK_EVERY_M) + 1):
+    first, last = ((ego["s"] + side * VIEW_M / 2) / MARK_EVERY_M for side in (-1, 1))
+    for mark in range(math.ceil(first), math.floor(last) + 1):
         x = WIDTH_PX / 2 + (mark * MARK_EVERY_M - ego["s"]) * PIXELS_PER_M
         draw.line(picture, TEXT_COLOUR, (x, HEIGHT_PX - 22), (x, HEIGHT_PX - 17))
         _write(picture, f"{mark * MARK_EVERY_M} m", x, HEIGHT_PX - 15, centred=True)
@@ -207,17 +207,13 @@ def note_interventions(trace: EpisodeTrace, step: int) -> Annotation:
     return Annotation(lines=[f"shield: {changes}"])
 
 
-def frames(
-    trace: EpisodeTrace, every: int = 1, annotate: Annotate = note_interventions
-) -> Iterator[Frame]:
+def frames(trace: EpisodeTrace, every: int = 1, annotate: Annotate = note_interventions) -> Iterator[Frame]:
     """Pictures of an episode, one for every so many steps of 0.1 s; the last state is always among them."""
     for step in [*range(0, len(trace), every), len(trace)]:
         yield render_world(trace.scenario, trace.world(step), 0, annotate(trace, step))
 
 
-def render_episode(
-    trace: EpisodeTrace, path: Path, *, every: int = 1, annotate: Annotate = note_interventions
-) -> int:
+def render_episode(trace: EpisodeTrace, path: Path, *, every: int = 1, annotate: Annotate = note_interventions) -> int:
     """Write an episode in real time as a film, ``.mp4`` or ``.gif``, or as PNG frames into a folder.
 
     Args:
@@ -233,7 +229,9 @@ def render_episode(
         ValueError: The suffix is neither of the two, or ``every`` is below 1.
     """
     if every < 1 or path.suffix not in ("", ".mp4", ".gif"):
-        raise ValueError(f"every = {every}, path = {path.name}: every must be 1 or more, the suffix .mp4, .gif or none.")
+        raise ValueError(
+            f"every = {every}, path = {path.name}: every must be 1 or more, the suffix .mp4, .gif or none."
+        )
     pictures = frames(trace, every, annotate)
     if not path.suffix:
         path.mkdir(parents=True, exist_ok=True)
@@ -243,9 +241,9 @@ def render_episode(
         return count
     rate = FRAMES_PER_S / every
     if path.suffix == ".mp4":
-        writer = imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=16)  # type: ignore[arg-type]
+        writer = imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=16)
     else:
-        writer = imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1000 / rate, loop=0)  # type: ignore[arg-type]
+        writer = imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1 / rate, loop=0)
     with writer:
         count = 0
         for picture in pictures:

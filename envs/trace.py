@@ -32,7 +32,7 @@ class EpisodeTrace:
         ego: `EGO` records, shape (T + 1,).
         vehicles: `VEHICLE` records, shape (T + 1, V).
         pedestrians: `PEDESTRIAN` records, shape (T + 1, P).
-        episode: `EPISODE` records, shape (T + 1,): running totals, whose differences are a step's rewards and cost.
+        episode: `EPISODE` records, shape (T + 1,): running totals; their differences are a step's rewards, cost.
         proposed: Lateral target [m] and acceleration [m/s2] that the policy asked for, shape (T, 2). In the
             driving agent's action mode no acceleration is asked for: NaN.
         executed: The same as carried out, shape (T, 2).
@@ -58,7 +58,7 @@ class EpisodeTrace:
         steps = lengths["intervened"]
         wrong = [f"{name}: {n}" for name, n in lengths.items() if n != steps + (name in _ARRAYS[:4])]
         if wrong:
-            raise ValueError(f"A trace of {steps} steps has states of {steps + 1}, actions of {steps}; not {wrong}.")
+            raise ValueError(f"A trace of {steps} steps has {steps + 1} states, {steps} actions; not {wrong}.")
 
     def __len__(self) -> int:
         """Number of steps T."""
@@ -74,7 +74,8 @@ class EpisodeTrace:
         """Write a compressed npz file, without pickle."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         with path.open("wb") as file:
-            np.savez_compressed(file, scenario=self.scenario.name, version=self.scenario.version, number=self.number, **arrays)
+            name, version = self.scenario.name, self.scenario.version
+            np.savez_compressed(file, scenario=name, version=version, number=self.number, **arrays)
 
 
 def load_trace(path: Path) -> EpisodeTrace:
@@ -99,9 +100,7 @@ class _Recorder:
     proposed: list[tuple[float, float]] = field(default_factory=list)
     intervened: list[bool] = field(default_factory=list)
 
-    def __call__(
-        self, world: World, targets: FloatArray, commands: FloatArray, intervened: BoolArray
-    ) -> None:
+    def __call__(self, world: World, targets: FloatArray, commands: FloatArray, intervened: BoolArray) -> None:
         """Add a step, unless the episode had ended before it."""
         if world.episode["steps"][0] == self.worlds[-1].episode["steps"][0]:
             return
@@ -136,7 +135,7 @@ def record_episode(source: EpisodeSource, number: int, act: Act, **arguments: An
         ValueError: The source has no such episode.
     """
     if number < source.start or (source.stop is not None and number >= source.stop):
-        raise ValueError(f"Episode {number}: the source has {source.start} to {source.stop}, the last excluded.")
+        raise ValueError(f"Episode {number}: the source has {source.start} to {source.stop}, exclusive.")
     only = dataclasses.replace(source, start=number, stop=number + 1)
     env = DrivingVectorEnv(source.scenario, 1, source=only, autoreset=False, **arguments)
     observations, _ = env.reset()

@@ -88,8 +88,8 @@ def _counts(vehicles: Records, pedestrians: Records, i: int, k: int) -> bool:
     if k == 0:
         return True
     if k <= count:
-        return vehicles[i, k - 1].present == 1
-    return pedestrians[i, k - 1 - count].state == CROSSING
+        return bool(vehicles[i, k - 1].present == 1)
+    return bool(pedestrians[i, k - 1 - count].state == CROSSING)
 
 
 @njit
@@ -250,5 +250,9 @@ def move(vehicles: Records, i: int, lane_changes: bool) -> None:
             vehicles[i, j].heading = heading + speed * math.sin(slip) / (VEHICLE_LENGTH_M / 2) * STEP_S
         else:
             vehicles[i, j].s = v.s + v.speed * STEP_S
-        vehicles[i, j].speed = max(v.speed + v.acceleration * STEP_S, 0.0)
+        speed = v.speed + v.acceleration * STEP_S
+        if speed < 0.0:
+            vehicles[i, j].acceleration = -v.speed / STEP_S
+            speed = 0.0
+        vehicles[i, j].speed = speed
         vehicles[i, j].timer = v.timer + STEP_S

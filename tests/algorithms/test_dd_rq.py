@@ -105,7 +105,8 @@ def test_dd_rq_trains_saves_and_loads_at_a_token_budget(tmp_path):
     assert np.array_equal(policy.shield.horizons(env.world), loaded.shield.horizons(env.world))
     assert task.steps_done() == 1600
     agents = list((tmp_path / "cache").glob("driving-agent-*/agent.json"))
-    assert len(agents) == 1 and json.loads(agents[0].read_text())["curve"]
+    assert len(agents) == 1
+    assert json.loads(agents[0].read_text())["curve"]
     # A second seed finds the shared artefacts and trains neither again.
     stamp = agents[0].stat().st_mtime_ns
     method.train(Task(get_scenario("a"), 1, Budget(1600), cache=tmp_path / "cache"))

@@ -62,7 +62,8 @@ def test_pedestrian_features_take_the_places_of_the_same_quantities():
 def test_importance_sums_to_one_over_present_objects_and_is_zero_elsewhere(model, observations):
     importance = model(observations).importance
     present = observations[:, 39:47] > 0.5
-    assert present.any() and not present.all()
+    assert present.any()
+    assert not present.all()
     assert (importance[~present] == 0.0).all()
     assert np.allclose(importance.sum(1)[present.any(1)], 1.0)
 
@@ -124,4 +125,5 @@ def test_shuffled_values_follow_the_models_distribution(model):
     values = shuffled_values(model, draws)
     # Quantiles 1, 2, 4: half of the mass uniform on [1, 2], half on [2, 4]; mean 0.5 * 1.5 + 0.5 * 3.
     assert values.mean() == pytest.approx(2.25, abs=0.02)
-    assert values.min() >= 1.0 and values.max() <= 4.0
+    assert values.min() >= 1.0
+    assert values.max() <= 4.0

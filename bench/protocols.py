@@ -1,0 +1,235 @@
+"""Protocols, and how protocol x methods x scenarios x seeds become `RunSpec`s."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from pydantic import ValidationError
+
+from algorithms.method import Method
+from algorithms.registry import (
+    PAPER_METHODS,
+    UnavailableMethodError,
+    get_method,
+    list_methods,
+    method_names,
+)
+from bench.errors import UsageError
+from bench.settings import Settings
+from bench.spec import RunSpec
+from envs.scenario import STEP_S, Scenario, UnknownNameError, get_scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """How much is done for each method and scenario.
+
+    Attributes:
+        name: What ``--protocol`` takes.
+        steps: Simulation steps of 0.1 s for training.
+        seeds: Number of replicates.
+        eval_episodes: Held-out episodes for each seed.
+    """
+
+    name: str
+    steps: int
+    seeds: int
+    eval_episodes: int
+
+
+PROTOCOLS: Final = {
+    protocol.name: protocol
+    for protocol in (
+        Protocol("smoke", 4_000, 1, 64),
+        Protocol("quick", 100_000, 1, 1_000),
+        Protocol("standard", 500_000, 5, 10_000),
+        Protocol("paper", 1_000_000, 5, 10_000),
+    )
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What ``bench run`` was asked for, as typed.
+
+    Attributes:
+        algo: Comma list of methods with parameters, or ``all``.
+        scenario: Comma list of scenarios with parameters.
+        protocol: Name of a `Protocol`.
+        seeds: A number of seeds or a comma list, or None for the protocol's.
+        steps: Simulation steps, or None for the protocol's.
+        eval_episodes: Held-out episodes, or None for the protocol's.
+        settings: ``KEY=VALUE`` texts.
+    """
+
+    algo: str = "all"
+    scenario: str = "a"
+    protocol: str = "smoke"
+    seeds: str | None = None
+    steps: int | None = None
+    eval_episodes: int | None = None
+    settings: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """What a request comes to.
+
+    Attributes:
+        specs: The runs, in order of scenario, seed and method, so that early results compare methods.
+        unavailable: Reason by method that ``all`` names and that cannot be used here.
+    """
+
+    specs: tuple[RunSpec, ...]
+    unavailable: Mapping[str, str]
+
+
+def split_names(text: str) -> list[str]:
+    """Items of a comma list whose items may have parameters with commas.
+
+    ``x:p=1,q=2,y`` is ``x:p=1,q=2`` and ``y``: an item with ``=`` but no ``:`` belongs to the one before.
+
+    Raises:
+        UsageError: A parameter has no name before it, or the list is empty.
+    """
+    items: list[str] = []
+    for part in filter(None, (piece.strip() for piece in text.split(","))):
+        if "=" not in part or ":" in part:
+            items.append(part)
+        elif items and ":" in items[-1]:
+            items[-1] += f",{part}"
+        else:
+            raise UsageError(
+                f"{part!r} in {text!r} is a parameter without a name before it: write NAME:{part}."
+            )
+    if not items:
+        raise UsageError(f"{text!r} names nothing: give at least one name.")
+    return list(dict.fromkeys(items))
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Seeds of ``5`` (0 to 4), ``0,1,7`` or ``7,`` (only 7).
+
+    Raises:
+        UsageError: It is neither a positive number nor a list of different seeds.
+    """
+    try:
+        if "," not in text:
+            seeds = list(range(int(text)))
+        else:
+            seeds = [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise UsageError(f"--seeds {text}: give a number of seeds, or a list such as 0,1,2.") from None
+    if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
+        raise UsageError(f"--seeds {text}: give at least one seed, none negative, none twice.")
+    return seeds
+
+
+def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
+    """Methods of a comma list, or with ``all`` the paper's and the reference drivers that can be used here.
+
+    Returns:
+        The methods, and with ``all`` the reasons of those that cannot be used.
+
+    Raises:
+        UsageError: A name or parameter is unknown, or a method asked for by name cannot be used here.
+    """
+    if text.strip() == "all":
+        return _all_methods()
+    methods: dict[str, Method] = {}
+    for name in split_names(text):
+        try:
+            method = get_method(name)
+        except UnavailableMethodError as error:
+            raise UsageError(f"Method {name!r} cannot be used here: {error}") from error
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        methods.setdefault(method.spec, method)
+    return list(methods.values()), {}
+
+
+def _all_methods() -> tuple[list[Method], dict[str, str]]:
+    known = set(method_names())
+    unavailable = {name: "not part of this version" for name in PAPER_METHODS if name not in known}
+    listings = {listing.name: listing for listing in list_methods()}
+    methods: list[Method] = []
+    for name in [*(name for name in PAPER_METHODS if name in known), *sorted(known - set(PAPER_METHODS))]:
+        if not listings[name].available:
+            unavailable[name] = listings[name].reason
+            continue
+        method = get_method(name)
+        if name in PAPER_METHODS or not method.trains:
+            methods.append(method)
+    return methods, unavailable
+
+
+def find_scenarios(text: str, settings: Settings) -> list[Scenario]:
+    """Scenarios of a comma list, with the ``scenario.KEY=VALUE`` settings in each.
+
+    Raises:
+        UsageError: A name, a parameter or its value cannot be used.
+    """
+    try:
+        found = [get_scenario(settings.amend_scenario(name)) for name in split_names(text)]
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    return list({scenario.id: scenario for scenario in found}.values())
+
+
+def expand(request: Request) -> Expansion:
+    """The runs of a request.
+
+    A method that does not train gets one run for each scenario: its seeds would be copies of each other.
+
+    Raises:
+        UsageError: Something in the request cannot be used.
+    """
+    if request.protocol not in PROTOCOLS:
+        raise UsageError(str(UnknownNameError("protocol", request.protocol, list(PROTOCOLS))))
+    protocol = PROTOCOLS[request.protocol]
+    methods, unavailable = find_methods(request.algo)
+    settings = Settings.parse(request.settings, {method.name: method.setting_names for method in methods})
+    scenarios = find_scenarios(request.scenario, settings)
+    seeds = parse_seeds(request.seeds) if request.seeds is not None else list(range(protocol.seeds))
+    steps = protocol.steps if request.steps is None else request.steps
+    episodes = protocol.eval_episodes if request.eval_episodes is None else request.eval_episodes
+    specs = [
+        _spec(
+            method, scenario, seed if method.trains else 0, steps if method.trains else 0, episodes, settings
+        )
+        for scenario in scenarios
+        for seed in seeds
+        for method in methods
+        if method.trains or seed == seeds[0]
+    ]
+    return Expansion(tuple(specs), unavailable)
+
+
+def _spec(
+    method: Method, scenario: Scenario, seed: int, steps: int, episodes: int, settings: Settings
+) -> RunSpec:
+    if method.trains and (steps <= 0 or steps % scenario.substeps):
+        nearest = max(1, round(steps / scenario.substeps)) * scenario.substeps
+        raise UsageError(
+            f"--steps {steps} on {scenario.id}: must be a positive multiple of {scenario.substeps}, "
+            f"because one decision takes {scenario.substeps} steps of {STEP_S} s; nearest: {nearest}."
+        )
+    try:
+        return RunSpec(
+            method=method.spec,
+            method_version=method.version,
+            scenario=scenario.name,
+            scenario_version=scenario.version,
+            seed=seed,
+            steps=steps,
+            eval_episodes=episodes,
+            cost_limit=settings.cost_limit,
+            cost_signal=settings.cost_signal,
+            settings=settings.methods.get(method.name, {}),
+        )
+    except ValidationError as error:
+        raise UsageError(
+            "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        ) from error

@@ -1,0 +1,159 @@
+"""``bench run``: what it prints around a sweep."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench import sweep
+from bench.display import choose_display
+from bench.errors import BenchError
+from bench.estimate import estimate
+from bench.executors import LocalExecutor
+from bench.leaderboard import Row, collision_text
+from bench.progress import Phase, duration
+from bench.protocols import Request, expand
+from bench.records import collect
+from bench.text import columns, json_text
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run, as typed."""
+
+    results: Path
+    workers: int | None
+    retry_failed: bool
+    quiet: bool
+    as_json: bool
+
+
+def run(request: Request, options: Options) -> int:
+    """Run a request and print its table; the exit code."""
+    expansion = expand(request)
+    executor = LocalExecutor(options.results, options.workers)
+    board = sweep.plan(expansion.specs, options.results, executor.workers, options.retry_failed)
+    _name_unavailable(expansion.unavailable)
+    try:
+        sweep.execute(board, executor, choose_display(board, options.quiet or options.as_json))
+    except KeyboardInterrupt:
+        done = board.count(Phase.DONE, Phase.SKIPPED)
+        print(
+            f"bench: stopped with {done} of {len(board.runs)} runs done. "
+            "The same command goes on where this one stopped.",
+            file=sys.stderr,
+        )
+        return 130
+    finished = sweep.finish(board, options.results)
+    print(
+        _as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results)
+    )
+    return 1 if finished.failed else 0
+
+
+def _name_unavailable(unavailable: Mapping[str, str]) -> None:
+    for name, reason in unavailable.items():
+        print(f"unavailable: {name}: {reason}", file=sys.stderr)
+
+
+def _as_json(finished: sweep.Sweep, unavailable: Mapping[str, str]) -> str:
+    runs = [
+        {
+            "run": run.spec.folder_name,
+            "method": run.spec.method,
+            "scenario": run.spec.scenario_id,
+            "seed": run.spec.seed,
+            "state": str(run.phase),
+            "reason": run.reason,
+            "seconds": round(run.seconds, 3),
+        }
+        for run in finished.board.runs
+    ]
+    return json_text({"runs": runs, "results": finished.rows, "unavailable": dict(unavailable)})
+
+
+def _as_text(finished: sweep.Sweep, results: Path) -> str:
+    parts = [result_table(finished.rows)] if finished.rows else []
+    parts += [f"failed: {run.spec.label}: {run.reason}" for run in finished.failed]
+    parts += [f"not run here: {run.spec.label}: {run.reason}" for run in finished.elsewhere]
+    parts.append(f"{finished.board.summary()}. Records: {results / 'runs'}")
+    return "\n".join(parts)
+
+
+def result_table(rows: Sequence[Row]) -> str:
+    """T and A for each method, collisions with exact 95 % intervals."""
+    heading = ("scenario", "method", "stage", "seeds", "collisions", "speed m/s", "interventions", "return")
+    ordered = sorted(
+        rows, key=lambda row: (row["scenario"], row["method"], row["steps"], row["stage"] == "A")
+    )
+    return columns(heading, [_cells(row) for row in ordered])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    if not row["episodes"]:
+        return (
+            row["scenario"],
+            row["method"],
+            row["stage"],
+            str(row["seeds"]),
+            "no finished episode",
+            "",
+            "",
+            "",
+        )
+    return (
+        row["scenario"],
+        row["method"],
+        row["stage"],
+        str(row["seeds"]),
+        collision_text(row),
+        f"{row['speed_mps']:.2f}",
+        f"{100.0 * row['intervention_ratio']:.2f} %",
+        f"{row['return_without_risk']:.1f}",
+    )
+
+
+def dry_run(request: Request, options: Options) -> int:
+    """List the runs of a request with their state and the time that they will take; the exit code."""
+    expansion = expand(request)
+    workers = LocalExecutor(options.results, options.workers).workers
+    board = sweep.plan(expansion.specs, options.results, workers, options.retry_failed)
+    queued = [status.spec for status in board.runs if status.phase is Phase.QUEUED]
+    try:
+        records = collect(options.results).records
+    except BenchError:  # damaged records are the readers' business; rates are then assumed
+        records = ()
+    times = estimate(queued, records, workers)
+    seconds = dict(zip((spec.hash for spec in queued), times.seconds, strict=True))
+    listed = [
+        {
+            "run": status.spec.folder_name,
+            "state": str(status.phase),
+            "steps": status.spec.steps,
+            "eval_episodes": status.spec.eval_episodes,
+            "seconds": round(seconds.get(status.spec.hash, 0.0), 1),
+        }
+        for status in board.runs
+    ]
+    _name_unavailable(expansion.unavailable)
+    if options.as_json:
+        unavailable = dict(expansion.unavailable)
+        print(
+            json_text(
+                {"runs": listed, "wall_s": times.wall_s, "basis": times.basis, "unavailable": unavailable}
+            )
+        )
+        return 0
+    rows = [
+        (str(item["run"]), str(item["state"]), f"{item['steps']:,}", f"{item['eval_episodes']:,}",
+         duration(float(str(item["seconds"]))))
+        for item in listed
+    ]  # fmt: skip
+    print(columns(("run", "state", "steps", "episodes", "time"), rows))
+    print(
+        f"{len(queued)} of {len(listed)} runs to do, about {duration(times.wall_s)} "
+        f"with {workers} at a time ({times.basis})."
+    )
+    return 0

@@ -1,0 +1,131 @@
+"""Columns of the Parquet files of a record, and their bytes.
+
+`train_episodes.parquet` (in order of completion) and `eval_episodes.parquet` (in order of episode number)
+hold one row for each finished episode with the columns of `envs.driving_env.FINISHED`, documented in
+`envs.world.EPISODE`: numbers as 32-bit floats, counts as the smallest integer that holds them.
+`scalars.parquet` holds what the learner reported: one row for each step and name.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.errors import RecordError
+from envs.driving_env import FINISHED
+from envs.world import Records
+
+TABLES_VERSION: Final = 1
+"""Raised by every change of a column; stored in each file."""
+_VERSION_KEY: Final = b"safedrive_bench_tables"
+_ROW_GROUP: Final = 1 << 20
+
+# An episode has at most 900 steps; enumerations and flags fit a byte.
+_NARROW: Final[dict[str, pa.DataType]] = {
+    **dict.fromkeys(("ending", "fault", "ego_at_fault"), pa.int8()),
+    **dict.fromkeys(
+        ("steps", "interventions", "altered", "steps_inside_safe_gap", "steps_low_ttc", "steps_hard_braking",
+         "lane_changes", "world"),
+        pa.int16(),
+    ),
+}  # fmt: skip
+
+
+def _arrow_type(name: str) -> pa.DataType:
+    if name in _NARROW:
+        return _NARROW[name]
+    return pa.float32() if FINISHED[name].kind == "f" else pa.int32()
+
+
+_METADATA: Final = {_VERSION_KEY: str(TABLES_VERSION).encode()}
+EPISODES: Final = pa.schema(
+    [pa.field(name, _arrow_type(name), nullable=False) for name in FINISHED.names or ()], _METADATA
+)
+SCALARS: Final = pa.schema(
+    [
+        pa.field("steps", pa.int64(), nullable=False),  # simulation steps of 0.1 s done
+        pa.field("name", pa.string(), nullable=False),
+        pa.field("value", pa.float64(), nullable=False),
+    ],
+    _METADATA,
+)
+
+
+def episodes_table(episodes: Records) -> pa.Table:
+    """`FINISHED` records as a table.
+
+    Raises:
+        pyarrow.ArrowInvalid: A count does not fit its column.
+    """
+    columns = [
+        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(FINISHED[field.name])).cast(
+            field.type
+        )
+        if pa.types.is_integer(field.type)
+        else pa.array(episodes[field.name].astype(np.float32))
+        for field in EPISODES
+    ]
+    return pa.Table.from_arrays(columns, schema=EPISODES)
+
+
+def scalars_table(rows: Sequence[tuple[int, str, float]]) -> pa.Table:
+    """What a learner reported, as (simulation steps, name, value)."""
+    steps, names, values = zip(*rows, strict=True) if rows else ((), (), ())
+    return pa.table({"steps": list(steps), "name": list(names), "value": list(values)}, schema=SCALARS)
+
+
+def to_bytes(table: pa.Table) -> bytes:
+    """Parquet file of a table: the same table gives the same bytes."""
+    floats = [field.name for field in table.schema if pa.types.is_floating(field.type)]
+    sink = io.BytesIO()
+    pq.write_table(
+        table,
+        sink,
+        row_group_size=_ROW_GROUP,
+        compression="zstd",
+        compression_level=9,
+        use_dictionary=[field.name for field in table.schema if field.name not in floats],
+        use_byte_stream_split=floats,
+        version="2.6",
+        data_page_version="1.0",
+        write_page_index=False,
+    )
+    return sink.getvalue()
+
+
+def from_bytes(content: bytes, expected: pa.Schema, where: str) -> pa.Table:
+    """The table in a Parquet file.
+
+    Args:
+        content: The file.
+        expected: `EPISODES` or `SCALARS`.
+        where: Named in errors.
+
+    Raises:
+        RecordError: It is unreadable, or has other columns.
+    """
+    try:
+        table = pq.read_table(pa.BufferReader(content))
+    except (pa.ArrowInvalid, OSError) as error:
+        raise RecordError(
+            f"{where} is not readable ({error}): remove its folder and run it again."
+        ) from error
+    found = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
+    if not table.schema.equals(expected):
+        raise RecordError(
+            f"{where} has tables of version {found}, this project reads version {TABLES_VERSION}: "
+            "remove its folder and run it again, or use the version of the project that wrote it."
+        )
+    return table
+
+
+def column(table: pa.Table, name: str) -> npt.NDArray[Any]:
+    """A column as an array."""
+    values: npt.NDArray[Any] = table.column(name).to_numpy()
+    return values

@@ -1,0 +1,279 @@
+"""Stress of a guard: careless drivers in very many episodes, each collision counted by its kind and replayable."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from algorithms.method import Actions, Observations, seed_sequence
+from algorithms.reference_drivers import DRIVERS
+from algorithms.safety_guard import GuardOptions, SafetyGuard
+from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
+from envs.engine import STEPS_MAX
+from envs.layout import CHUNK, EpisodeSource
+from envs.motion import ACCELERATION_MAX_MPS2
+from envs.scenario import LANE_WIDTH_M, STEP_S, Scenario, UnknownNameError, get_scenario
+from envs.trace import EpisodeTrace, record_episode
+from envs.world import Ending, Fault, FloatArray, Records, Shield
+
+RANDOM: Final = "random"
+CRUISE: Final = "cruise"
+FULL_THROTTLE: Final = "full-throttle"
+FULL_THROTTLE_LANE_CHANGE: Final = "full-throttle-lane-change"
+STRESS_DRIVERS: Final = (RANDOM, CRUISE, FULL_THROTTLE, FULL_THROTTLE_LANE_CHANGE)
+WISH_S: Final = 3.0
+"""How long `full-throttle-lane-change` holds one wish: a lane to the right, stay, a lane to the left."""
+
+DD_RQ: Final = "dd-rq"
+"""Stands in place of a number for T_c: the risk model sets it."""
+Tc = float | Literal["dd-rq"]
+ShieldFactory = Callable[[Scenario], Shield]
+
+WORST_MAX: Final = 100
+CLOSEST: Final = 5
+BATCH: Final = 16 * CHUNK
+"""Episodes whose records are held at once."""
+_DRAWS_KEPT: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class StressResult:
+    """What a driver behind a guard did to the traffic, and the traffic to it.
+
+    Attributes:
+        scenario: Name and version.
+        tc: T_c [s], or ``dd-rq``.
+        driver: Who proposed the actions, one of `STRESS_DRIVERS`.
+        episodes: Number of episodes.
+        seed: Names the stream of episodes and of the driver's draws.
+        options: `GuardOptions`; empty for a shield of another kind.
+        collisions: Episodes that ended in a collision.
+        ego_at_fault: Of these, those that the ego caused (`envs.engine.judge_contact`).
+        pedestrian: Of these, contact with a pedestrian.
+        rear_ended: Of these, the ego was run into from behind.
+        side: Of these, side contact.
+        ahead: Of these, the ego ran into a car ahead.
+        intervention_ratio: Flagged steps / all steps of 0.1 s.
+        altered_share: Steps whose action was really changed / all steps of 0.1 s.
+        mean_speed_mps: Distance / time of each episode, then the mean [m/s].
+        worst: Episodes with a collision (at most 100), else the 5 with the least time to collision.
+    """
+
+    scenario: str
+    tc: Tc
+    driver: str
+    episodes: int
+    seed: int
+    options: dict[str, bool]
+    collisions: int
+    ego_at_fault: int
+    pedestrian: int
+    rear_ended: int
+    side: int
+    ahead: int
+    intervention_ratio: float
+    altered_share: float
+    mean_speed_mps: float
+    worst: tuple[int, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {**dataclasses.asdict(self), "worst": list(self.worst)}
+
+
+class StressDriver:
+    """A driver whose every draw belongs to an episode and a decision in it.
+
+    So an episode is the same in whichever world, batch or replay it runs.
+
+    Attributes:
+        name: One of `STRESS_DRIVERS`.
+
+    Raises:
+        UnknownNameError: There is no such driver.
+    """
+
+    def __init__(self, name: str, scenario: Scenario, seed: int) -> None:
+        """Choose a driver and the seed of its draws."""
+        if name not in STRESS_DRIVERS:
+            raise UnknownNameError("stress driver", name, list(STRESS_DRIVERS))
+        self.name = name
+        self._seed = seed
+        self._substeps = scenario.substeps
+        self._hold = max(1, round(WISH_S / scenario.decision_period_s))
+        self._scripted = DRIVERS[name]() if name in (CRUISE, FULL_THROTTLE) else None
+        self._space = action_space(ActionMode.ACCELERATION)
+        self._chunks: dict[int, FloatArray] = {}
+
+    def act(self, observations: Observations, episodes: Records) -> Actions:
+        """Actions (N, 2) [m, m/s2] for observations (N, 47) and the worlds' `EPISODE` records (N,)."""
+        if self._scripted is not None:
+            return self._scripted.act(observations)
+        decisions = episodes["steps"] // self._substeps
+        if self.name == RANDOM:
+            share = self._draws(episodes["episode"], decisions)
+            return self._space.low + (self._space.high - self._space.low) * share
+        share = self._draws(episodes["episode"], decisions // self._hold)[:, 0]
+        wish = (np.floor(3.0 * share) - 1.0) * LANE_WIDTH_M
+        return np.column_stack([wish, np.full(len(wish), ACCELERATION_MAX_MPS2)])
+
+    def _draws(self, numbers: npt.NDArray[np.int64], decisions: npt.NDArray[np.int64]) -> FloatArray:
+        """Two uniform numbers in [0, 1) for each (episode, decision), shape (N, 2)."""
+        chunks, rows = np.divmod(numbers, CHUNK)
+        result = np.empty((len(numbers), 2))
+        for chunk in np.unique(chunks):
+            member = chunks == chunk
+            result[member] = self._chunk(int(chunk))[rows[member], decisions[member]]
+        return result
+
+    def _chunk(self, index: int) -> FloatArray:
+        if index not in self._chunks:
+            if len(self._chunks) == _DRAWS_KEPT:
+                del self._chunks[min(self._chunks)]
+            rng = np.random.default_rng(seed_sequence("stress-driver", self._seed, index))
+            self._chunks[index] = rng.random((CHUNK, STEPS_MAX // self._substeps + 1, 2))
+        return self._chunks[index]
+
+
+def stress_source(scenario: Scenario, seed: int, start: int = 0, stop: int | None = None) -> EpisodeSource:
+    """The stress test's own episodes: neither training's nor the held-out ones."""
+    return EpisodeSource(scenario, seed_sequence("stress", scenario.id, seed), start, stop)
+
+
+def make_shield(
+    scenario: Scenario, tc: Tc, options: GuardOptions | None, shield_factory: ShieldFactory | None
+) -> Shield:
+    """The guard of a T_c, or what the factory makes.
+
+    Raises:
+        ValueError: T_c is not a positive number, or needs a factory that is not given.
+    """
+    if shield_factory is not None:
+        return shield_factory(scenario)
+    if isinstance(tc, str):
+        raise ValueError(
+            f"tc = {tc!r}: a T_c set by a risk model needs a trained one; pass shield_factory, "
+            "which builds its shield for a scenario, or give T_c as a number of seconds."
+        )
+    return SafetyGuard(tc, options)
+
+
+def stress_guard(
+    scenario: str | Scenario, tc: Tc, episodes: int, driver: str = RANDOM, options: GuardOptions | None = None,
+    worlds: int = 256, seed: int = 0, shield_factory: ShieldFactory | None = None,
+) -> StressResult:  # fmt: skip
+    """Drive many episodes behind a guard and count what happens.
+
+    Args:
+        scenario: Where; a name with parameters, or the value.
+        tc: T_c [s], or ``dd-rq`` together with a factory.
+        episodes: How many, at least 1.
+        driver: One of `STRESS_DRIVERS`.
+        options: Readings of Alg. 2; the defaults where None.
+        worlds: Driven at a time; no result depends on it.
+        seed: Names the stream of episodes and the driver's draws.
+        shield_factory: Makes another shield than `SafetyGuard` of T_c; one that does not depend on past steps.
+
+    Raises:
+        ValueError: A number is out of range, or T_c is unusable.
+        UnknownNameError: The scenario or the driver is unknown.
+    """
+    scenario = get_scenario(scenario) if isinstance(scenario, str) else scenario
+    if episodes < 1:
+        raise ValueError(f"episodes = {episodes}: must be at least 1.")
+    shield = make_shield(scenario, tc, options, shield_factory)
+    policy = StressDriver(driver, scenario, seed)
+    totals = _Totals()
+    for start in range(0, episodes, BATCH):
+        source = stress_source(scenario, seed, start, min(start + BATCH, episodes))
+        totals.add(_drive(source, policy, shield, min(worlds, episodes - start)))
+    used = {} if shield_factory else dataclasses.asdict(options or GuardOptions())
+    return totals.result(scenario=scenario.id, tc=tc, driver=driver, seed=seed, options=used)
+
+
+def _drive(source: EpisodeSource, driver: StressDriver, shield: Shield, worlds: int) -> Records:
+    """`FINISHED` records of all episodes of a source that ends, in order of their numbers."""
+    env = DrivingVectorEnv(source.scenario, worlds, source=source, shield=shield)
+    observations, _ = env.reset()
+    while env.active.any():
+        observations = env.step(driver.act(observations, env.world.episode))[0]
+    finished = env.finished_episodes()
+    return finished[np.argsort(finished["episode"])]
+
+
+def replay_stress(
+    scenario: str | Scenario, tc: Tc, driver: str, episode: int, options: GuardOptions | None = None,
+    seed: int = 0, shield_factory: ShieldFactory | None = None,
+) -> EpisodeTrace:  # fmt: skip
+    """Drive one episode of `stress_guard` again, bit for bit, and keep every step of it.
+
+    Raises:
+        ValueError: The episode's number is negative, or T_c is unusable.
+        UnknownNameError: The scenario or the driver is unknown.
+    """
+    scenario = get_scenario(scenario) if isinstance(scenario, str) else scenario
+    policy = StressDriver(driver, scenario, seed)
+    record = np.zeros(1, [("episode", "i8"), ("steps", "i8")])
+    record["episode"] = episode
+
+    def act(observations: Observations) -> Actions:
+        actions = policy.act(observations, record)
+        record["steps"] += scenario.substeps
+        return actions
+
+    shield = make_shield(scenario, tc, options, shield_factory)
+    return record_episode(stress_source(scenario, seed), episode, act, shield=shield)
+
+
+class _Totals:
+    """Sums over batches of finished episodes."""
+
+    def __init__(self) -> None:
+        self.episodes = self.steps = self.interventions = self.altered = self.at_fault = 0
+        self.faults = np.zeros(len(Fault), np.int64)
+        self.speed = 0.0
+        self.collided: list[int] = []
+        self.closest: list[tuple[float, int]] = []
+
+    def add(self, finished: Records) -> None:
+        """Count a batch, in order of episode number."""
+        hit = finished["ending"] == Ending.COLLISION
+        self.episodes += len(finished)
+        self.steps += int(finished["steps"].sum())
+        self.interventions += int(finished["interventions"].sum())
+        self.altered += int(finished["altered"].sum())
+        self.at_fault += int(finished["ego_at_fault"].sum())
+        self.faults += np.bincount(finished["fault"][hit], minlength=len(Fault))
+        self.speed += float((finished["distance"] / (finished["steps"] * STEP_S)).sum())
+        self.collided += finished["episode"][hit].tolist()
+        pairs = zip(finished["ttc_min"].tolist(), finished["episode"].tolist(), strict=True)
+        self.closest = sorted([*self.closest, *pairs])[:CLOSEST]
+
+    def result(
+        self, *, scenario: str, tc: Tc, driver: str, seed: int, options: dict[str, bool]
+    ) -> StressResult:
+        """The figures of all batches."""
+        worst = self.collided[:WORST_MAX] or [number for _, number in self.closest]
+        return StressResult(
+            scenario=scenario,
+            tc=tc,
+            driver=driver,
+            episodes=self.episodes,
+            seed=seed,
+            options=options,
+            collisions=len(self.collided),
+            ego_at_fault=self.at_fault,
+            pedestrian=int(self.faults[Fault.PEDESTRIAN]),
+            rear_ended=int(self.faults[Fault.REAR_ENDED]),
+            side=int(self.faults[Fault.SIDE]),
+            ahead=int(self.faults[Fault.AHEAD]),
+            intervention_ratio=self.interventions / self.steps,
+            altered_share=self.altered / self.steps,
+            mean_speed_mps=self.speed / self.episodes,
+            worst=tuple(worst),
+        )

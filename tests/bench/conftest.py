@@ -1,0 +1,169 @@
+"""Fake methods as an installed plugin, and records made from nothing."""
+
+import importlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench import schema, store
+from bench.spec import RunSpec
+from bench.store import Store
+from envs.driving_env import FINISHED
+from envs.world import Ending, Fault
+
+FAKE_METHODS = '''
+import json, os, signal, time
+from pathlib import Path
+import numpy as np
+from algorithms.method import Method, Policy
+
+class Fixed(Policy):
+    def __init__(self, action):
+        self.action = action
+    def act(self, observations):
+        return np.tile(self.action, (len(observations), 1))
+    def save(self, folder):
+        (folder / "action.json").write_text(json.dumps(list(self.action)))
+
+class Learner(Method):
+    setting_names = ("pace",)
+    defaults = {"offset": 0.0, "bias": 1.0}
+    def train(self, task):
+        env = task.make_env(4)
+        env.reset()
+        rng = np.random.default_rng(task.stream("policy"))
+        while env.decisions < env.decision_limit:
+            env.step(rng.uniform([-3.5, -2.0], [3.5, 2.0], (4, 2)))
+            self.after(task, env)
+        return Fixed((self.parameters["offset"], 0.1 * float(task.settings.get("pace", "1"))))
+    def after(self, task, env):
+        if env.decisions % 10 == 0:
+            task.progress(env.steps_done, {"loss": 1.0 / env.decisions})
+    def load_policy(self, folder, task):
+        return Fixed(json.loads((folder / "action.json").read_text()))
+
+class Failing(Learner):
+    def after(self, task, env):
+        if env.decisions == 12:
+            raise RuntimeError("the learner tripped")
+
+class Diverging(Learner):
+    def after(self, task, env):
+        task.progress(env.steps_done, {"loss": float("nan") if env.decisions == 7 else 1.0})
+
+class Dying(Learner):
+    def after(self, task, env):
+        task.progress(env.steps_done, {})
+        if env.decisions == 12:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+class Endless(Learner):
+    def after(self, task, env):
+        task.progress(env.steps_done, {})
+        Path(os.environ["FAKE_SIGN"]).write_text("training")
+        time.sleep(0.05)
+
+class Greedy(Learner):
+    def train(self, task):
+        policy = super().train(task)
+        task._env.step(np.zeros((4, 2)))
+        return policy
+
+class Scripted(Method):
+    trains = False
+    def train(self, task):
+        return Fixed((0.0, 0.0))
+    def load_policy(self, folder, task):
+        return Fixed((0.0, 0.0))
+'''
+CLASSES = ("Learner", "Failing", "Diverging", "Dying", "Endless", "Greedy", "Scripted")
+BROKEN = "broken = fake_methods_that_are_not_there:Broken"
+
+
+@pytest.fixture
+def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Methods fake-learner, fake-failing, ... as an installed distribution; returns the folder it is in."""
+    folder = tmp_path / "site"
+    info = folder / "fake_methods-1.0.dist-info"
+    info.mkdir(parents=True)
+    (folder / "fake_methods.py").write_text(FAKE_METHODS)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fake-methods\nVersion: 1.0\n")
+    points = [f"fake-{name.lower()} = fake_methods:{name}" for name in CLASSES]
+    (info / "entry_points.txt").write_text("\n".join(["[bench.methods]", *points, BROKEN, ""]))
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", f"{folder}:{Path(__file__).resolve().parents[2]}")
+    monkeypatch.setenv("FAKE_SIGN", str(tmp_path / "sign"))
+    importlib.invalidate_caches()
+    yield folder
+    sys.modules.pop("fake_methods", None)
+
+
+@pytest.fixture
+def make_spec() -> Callable[..., RunSpec]:
+    """Specifications of a small run."""
+
+    def make(**changes: Any) -> RunSpec:
+        fields: dict[str, Any] = {
+            "method": "fake-learner",
+            "method_version": 1,
+            "scenario": "a",
+            "scenario_version": 1,
+            "seed": 0,
+            "steps": 2_000,
+            "eval_episodes": 20,
+        }
+        return RunSpec(**{**fields, **changes})
+
+    return make
+
+
+@pytest.fixture
+def make_record(make_spec: Callable[..., RunSpec]) -> Callable[..., Path]:
+    """Writes a finished record with drawn episodes, without running anything."""
+
+    def make(results: Path, collisions: int = 0, train_collisions: int = 0, **changes: Any) -> Path:
+        spec = make_spec(**changes)
+        with Store(results).begin(spec) as folder:
+            folder.write_run(
+                {
+                    "provenance": {"git": {"commit": "0" * 40, "dirty": False}},
+                    "steps_done": spec.steps,
+                    "timing": {
+                        "train": {"wall_s": 2.0, "cpu_s": 1.5},
+                        "evaluate": {"wall_s": 1.0, "cpu_s": 0.5},
+                    },
+                    "timeline": [],
+                    "trains": spec.steps > 0,
+                }
+            )
+            folder.write_policy(lambda path: (path / "action.json").write_text("[0, 0]") and None)
+            trained = drawn_episodes(50 if spec.steps else 0, train_collisions, spec.seed)
+            evaluated = drawn_episodes(spec.eval_episodes, collisions, spec.seed + 100)
+            folder.write(store.TRAIN_FILE, schema.to_bytes(schema.episodes_table(trained)))
+            folder.write(store.EVAL_FILE, schema.to_bytes(schema.episodes_table(evaluated)))
+            folder.write(store.SCALARS_FILE, schema.to_bytes(schema.scalars_table([])))
+            folder.finish()
+        return folder.path
+
+    return make
+
+
+def drawn_episodes(count: int, collisions: int, seed: int) -> np.ndarray:
+    """So many episodes of 100 to 900 steps; the first ones end in a side collision, the rest at the goal."""
+    rng = np.random.default_rng(seed)
+    episodes = np.zeros(count, FINISHED)
+    episodes["episode"] = np.arange(count)
+    episodes["steps"] = rng.integers(100, 901, count)
+    episodes["ending"] = np.where(np.arange(count) < collisions, Ending.COLLISION, Ending.GOAL)
+    episodes["fault"] = np.where(np.arange(count) < collisions, Fault.SIDE, Fault.NONE)
+    episodes["ego_at_fault"] = np.arange(count) < collisions
+    episodes["distance"] = 1.2 * episodes["steps"]
+    episodes["interventions"] = episodes["steps"] // 50
+    episodes["return_driving"] = 2.0 * episodes["steps"]
+    episodes["return_comfort"] = -1.0
+    episodes["ttc_min"] = np.inf
+    return episodes

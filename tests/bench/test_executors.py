@@ -1,0 +1,137 @@
+"""Runs on worker processes: none stops another, not even by dying; Ctrl-C stops all at once and cleanly."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bench import sweep
+from bench.display import Lines, LiveTable, Silent
+from bench.errors import LockedError
+from bench.executors import LocalExecutor, death
+from bench.lock import LOCK_NAME
+from bench.progress import Board, Phase, RunStatus, duration
+from bench.spec import RunSpec
+from bench.store import State, Store
+
+Make = Callable[..., RunSpec]
+
+
+def test_a_failing_a_dying_and_a_locked_run_stop_nobody_kill(
+    fakes: Path, tmp_path: Path, make_spec: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    dying, failing, last = make_spec(method="fake-dying"), make_spec(method="fake-failing"), make_spec(seed=2)
+    locked = make_spec(seed=1)
+    board = sweep.plan([dying, failing, locked, last], results, workers=1)
+    with Store(results).begin(locked):
+        sweep.execute(board, LocalExecutor(results, 1), Lines(board))
+    assert [run.phase for run in board.runs] == [Phase.FAILED, Phase.FAILED, Phase.ELSEWHERE, Phase.DONE]
+    assert "was killed by SIGKILL" in board.runs[0].reason
+    assert "step 240 (train): RuntimeError: the learner tripped" in board.runs[1].reason
+    assert f"process {os.getpid()}" in board.runs[2].reason
+    failure = Store(results).failure(dying)
+    assert failure is not None
+    assert failure.stage == "worker"
+    assert Store(results).state(last) is State.DONE
+    assert "done: fake-learner on a-v1, seed 2" in capsys.readouterr().err
+    assert (results / "logs").exists(), "a failed run keeps what it printed"
+
+    again = sweep.plan([dying, failing, locked, last], results, workers=1)
+    assert [run.phase for run in again.runs] == [Phase.FAILED, Phase.FAILED, Phase.QUEUED, Phase.SKIPPED]
+    retried = sweep.plan([dying, failing], results, workers=1, retry_failed=True)
+    assert [run.phase for run in retried.runs] == [Phase.QUEUED, Phase.QUEUED]
+
+
+def _bench(results: Path, *arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "bench", "run", "--results", str(results), *arguments]
+    return subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps_off(
+    fakes: Path, tmp_path: Path, make_spec: Make
+) -> None:
+    results, sign = tmp_path / "results", tmp_path / "sign"
+    endless = make_spec(method="fake-endless", steps=100_000, eval_episodes=4)
+    process = _bench(
+        results, "--algo", "fake-endless", "--scenario", "a", "--steps", "100000", "--eval-episodes", "4", "--seeds", "3"
+    )
+    try:
+        deadline = time.monotonic() + 120.0
+        while not sign.exists() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert sign.exists()
+        assert Store(results).state(endless) is State.RUNNING
+        with pytest.raises(LockedError), Store(results).begin(endless):
+            pass
+        start = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    # 5 s on a machine that is free; a loaded one is given more here.
+    assert time.monotonic() - start < 15.0
+    assert process.returncode == 130
+    assert "stopped with 0 of 3 runs done" in err
+    assert "The same command goes on" in err
+    assert "Traceback" not in err
+    assert Store(results).state(endless) is State.UNFINISHED
+    assert not list(results.rglob(LOCK_NAME))
+
+
+def test_workers_and_their_pins_are_gone_afterwards(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    affinity = os.sched_getaffinity(0)
+    environment = dict(os.environ)
+    board = sweep.plan([make_spec(seed=seed) for seed in range(2)], tmp_path, workers=2)
+    sweep.execute(board, LocalExecutor(tmp_path, 2), Silent(board))
+    assert board.count(Phase.DONE) == 2
+    assert os.sched_getaffinity(0) == affinity
+    assert dict(os.environ) == environment
+    assert threading.active_count() == 1 or not any("bench" in thread.name for thread in threading.enumerate())
+    assert not (tmp_path / "logs").exists()
+
+
+def test_the_live_table_shows_every_phase_without_reading_names_as_markup(make_spec: Make) -> None:
+    phases = list(Phase)
+    runs = [RunStatus(make_spec(seed=i, method="x:[red]=1"), phase) for i, phase in enumerate(phases)]
+    runs[phases.index(Phase.RUNNING)].start(os.getpid())
+    runs[phases.index(Phase.RUNNING)].advance("train", 500, 2_000, {"collision_rate": 0.25})
+    board = Board(runs, workers=2)
+    table = LiveTable(board)
+    from rich.console import Console
+
+    console = Console(width=200, record=True, file=open(os.devnull, "w"))
+    with console.file:
+        console.print(table._draw())
+    text = console.export_text()
+    assert "x:[red]=1 on a-v1, seed 1" in text
+    assert "train 25 %" in text
+    assert "25.0 %" in text
+    assert "MiB" in text
+    assert "2/6 done" in text
+
+
+def test_the_time_left_comes_from_runs_of_the_same_method(make_spec: Make) -> None:
+    runs = [RunStatus(make_spec(seed=i)) for i in range(3)]
+    board = Board(runs, workers=2)
+    assert board.eta_s() is None
+    runs[0].phase, runs[0].seconds = Phase.DONE, 10.0
+    assert board.eta_s() == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    ("code", "text"), [(-9, "was killed by SIGKILL (out of memory?)"), (-11, "was killed by SIGSEGV"), (3, "exit code 3")]
+)
+def test_the_death_of_a_process_is_described(code: int, text: str) -> None:
+    assert text in death(code)
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")])
+def test_durations_are_readable(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
