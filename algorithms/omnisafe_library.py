@@ -37,7 +37,7 @@ _ENVIRONMENT_KEYS: Final = ("PYTHONHASHSEED", "CUBLAS_WORKSPACE_CONFIG", "OMNISA
 REMEDY: Final = f"Install it with: pip install --no-deps omnisafe=={VERSION} pyyaml tqdm"
 
 
-def _stand_in(name: str) -> types.ModuleType:
+def stand_in(name: str) -> types.ModuleType:
     """A module whose functions and classes exist, but raise when they are called."""
 
     def attribute(attribute_name: str) -> Callable[..., Any]:
@@ -63,7 +63,7 @@ def _unused_modules_present() -> Iterator[None]:
             importlib.import_module(name)
         except Exception:  # an incompatible release may raise anything
             absent.append(name)
-            sys.modules[name] = _stand_in(name)
+            sys.modules[name] = stand_in(name)
     try:
         yield
     finally:

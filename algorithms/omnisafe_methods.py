@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from algorithms.method import Method, Policy, Task
-from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
+from algorithms.networks import Architecture, NetworkPolicy
 from algorithms.omnisafe_library import algorithm_defaults, require_omnisafe
 from algorithms.omnisafe_settings import (
     ACTIVATION,
@@ -67,9 +67,7 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
     architecture = Architecture(
         (OBSERVATION_SIZE, *ACTOR_LAYERS, len(env.single_action_space.low)), ACTIVATION, squashed=False
     )
-    network = architecture.build()
-    copy_linear_layers([layer for layer in trained if hasattr(layer, "weight")], network)
-    return NetworkPolicy(architecture, network)
+    return NetworkPolicy(architecture, trained)
 
 
 class OnPolicyMethod(Method):

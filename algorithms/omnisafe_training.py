@@ -104,7 +104,7 @@ def train_actor(
             _spend_rest(trainer, schedule.rest)
         finally:
             close_logger(trainer.logger)
-    network: torch.nn.Sequential = trainer._actor_critic.actor.mean
+    network: torch.nn.Sequential = trainer._actor_critic.actor.mean[:-1]  # without the identity at its end
     return network
 
 
@@ -121,7 +121,7 @@ def _epoch_scalars(trainer: Any) -> dict[str, float]:
         costs.clear()
     lagrange = getattr(trainer, "_lagrange", None)
     if lagrange is not None:
-        scalars["multiplier"] = float(lagrange.lagrangian_multiplier)
+        scalars["multiplier"] = float(torch.as_tensor(lagrange.lagrangian_multiplier).detach())
     return scalars
 
 

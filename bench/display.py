@@ -115,7 +115,7 @@ def cells(run: RunStatus) -> tuple[str, str, str, str, str]:
     left = run.eta_s
     collisions = run.scalars.get("collision_rate")
     return (
-        f"{run.stage} {run.percent:.0f} %",
+        f"{run.stage} {run.percent:.0f} %" if run.stage else "starting",
         f"{run.rate:,.0f} {unit}" if run.done else "",
         "" if left is None else duration(left),
         "" if collisions is None else f"{100.0 * collisions:.1f} %",

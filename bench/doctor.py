@@ -59,9 +59,7 @@ def examine(results: Path) -> list[Check]:
             found += probe()
         except Exception as error:  # a broken installation may raise anything: that is a finding
             name = getattr(probe, "__name__", "check").strip("_<>")
-            found.append(
-                Check(name, False, True, f"{type(error).__name__}: {error}", "install the project again")
-            )
+            found.append(Check(name, False, True, f"{type(error).__name__}: {error}", "install the project again"))
     return found
 
 
@@ -111,9 +109,7 @@ def _kernels() -> list[Check]:
 
     folder = str(os.environ.get("NUMBA_CACHE_DIR") or numba.config.CACHE_DIR)  # type: ignore[attr-defined]
     ok = _writable(Path(folder))
-    remedy = (
-        "" if ok else "set XDG_CACHE_HOME to a folder that can be written, or every process compiles anew"
-    )
+    remedy = "" if ok else "set XDG_CACHE_HOME to a folder that can be written, or every process compiles anew"
     return [
         Check("engine", True, True, "steps scenario b"),
         Check("kernel cache", ok, False, "writable" if ok else "not writable", remedy),
@@ -145,9 +141,7 @@ def _methods() -> list[Check]:
     for listing in list_methods():
         found = f"from {listing.origin}" if listing.available else listing.reason
         remedy = "" if listing.available else "optional; the reason says what helps"
-        checks.append(
-            Check(f"method {listing.name}", listing.available, listing.name == "sac", found, remedy)
-        )
+        checks.append(Check(f"method {listing.name}", listing.available, listing.name == "sac", found, remedy))
     return checks
 
 
@@ -163,9 +157,7 @@ def _disk(results: Path) -> list[Check]:
             free >= DISK_MIN_GIB and writable,
             True,
             f"{free:.1f} GiB free for {results}" + ("" if writable else ", not writable"),
-            ""
-            if free >= DISK_MIN_GIB and writable
-            else "free some room, or choose another folder with --results",
+            "" if free >= DISK_MIN_GIB and writable else "free some room, or choose another folder with --results",
         )
     ]
 

@@ -57,7 +57,10 @@ def evaluate(
         observations, _, _, _, info = env.step(policy.act(observations))
         if "finished" in info:
             progress(env.episodes_done)
-    records = env.finished_episodes()
+    return _in_order(env.finished_episodes(), episodes)
+
+
+def _in_order(records: Records, episodes: int) -> Records:
     ordered: Records = records[np.argsort(records["episode"], kind="stable")]
     if not np.array_equal(ordered["episode"], np.arange(episodes)):
         raise RuntimeError(f"Held-out episodes 0 to {episodes - 1} did not each end exactly once.")

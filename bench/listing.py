@@ -27,16 +27,12 @@ def _scenario(scenario: Scenario) -> dict[str, Any]:
 def as_json() -> str:
     """``{"methods": [...], "scenarios": [...]}``."""
     methods = [dataclasses.asdict(listing) for listing in list_methods()]
-    return json_text(
-        {"methods": methods, "scenarios": [_scenario(get_scenario(name)) for name in scenario_names()]}
-    )
+    return json_text({"methods": methods, "scenarios": [_scenario(get_scenario(name)) for name in scenario_names()]})
 
 
 def as_text() -> str:
     """Two tables."""
-    methods = [
-        (item.name, "yes" if item.available else "no", item.reason or item.origin) for item in list_methods()
-    ]
+    methods = [(item.name, "yes" if item.available else "no", item.reason or item.origin) for item in list_methods()]
     scenarios = []
     for name in scenario_names():
         s = get_scenario(name)

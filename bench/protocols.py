@@ -101,9 +101,7 @@ def split_names(text: str) -> list[str]:
         elif items and ":" in items[-1]:
             items[-1] += f",{part}"
         else:
-            raise UsageError(
-                f"{part!r} in {text!r} is a parameter without a name before it: write NAME:{part}."
-            )
+            raise UsageError(f"{part!r} in {text!r} is a parameter without a name before it: write NAME:{part}.")
     if not items:
         raise UsageError(f"{text!r} names nothing: give at least one name.")
     return list(dict.fromkeys(items))
@@ -116,10 +114,7 @@ def parse_seeds(text: str) -> list[int]:
         UsageError: It is neither a positive number nor a list of different seeds.
     """
     try:
-        if "," not in text:
-            seeds = list(range(int(text)))
-        else:
-            seeds = [int(part) for part in text.split(",") if part.strip()]
+        seeds = [int(part) for part in text.split(",") if part.strip()] if "," in text else list(range(int(text)))
     except ValueError:
         raise UsageError(f"--seeds {text}: give a number of seeds, or a list such as 0,1,2.") from None
     if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
@@ -196,9 +191,7 @@ def expand(request: Request) -> Expansion:
     steps = protocol.steps if request.steps is None else request.steps
     episodes = protocol.eval_episodes if request.eval_episodes is None else request.eval_episodes
     specs = [
-        _spec(
-            method, scenario, seed if method.trains else 0, steps if method.trains else 0, episodes, settings
-        )
+        _spec(method, scenario, seed if method.trains else 0, steps if method.trains else 0, episodes, settings)
         for scenario in scenarios
         for seed in seeds
         for method in methods
@@ -207,9 +200,7 @@ def expand(request: Request) -> Expansion:
     return Expansion(tuple(specs), unavailable)
 
 
-def _spec(
-    method: Method, scenario: Scenario, seed: int, steps: int, episodes: int, settings: Settings
-) -> RunSpec:
+def _spec(method: Method, scenario: Scenario, seed: int, steps: int, episodes: int, settings: Settings) -> RunSpec:
     if method.trains and (steps <= 0 or steps % scenario.substeps):
         nearest = max(1, round(steps / scenario.substeps)) * scenario.substeps
         raise UsageError(
@@ -230,6 +221,4 @@ def _spec(
             settings=settings.methods.get(method.name, {}),
         )
     except ValidationError as error:
-        raise UsageError(
-            "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        ) from error
+        raise UsageError("; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())) from error

@@ -123,9 +123,7 @@ def _read_run(path: Path) -> tuple[RunSpec, dict[str, Any]]:
     except ValidationError as error:
         raise RecordError(f"{path.name}: its specification is not valid: move the folder away.") from error
     if stated != spec.hash:
-        raise RecordError(
-            f"{path.name}: its specification was changed afterwards: remove it and run it again."
-        )
+        raise RecordError(f"{path.name}: its specification was changed afterwards: remove it and run it again.")
     if path.name != spec.folder_name:
         raise RecordError(
             f"{path.name} is a copy of {spec.folder_name} under another name: remove the copy, "

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench import sweep
+from bench import leaderboard, sweep
 from bench.display import choose_display
 from bench.errors import BenchError
 from bench.estimate import estimate
@@ -47,10 +47,17 @@ def run(request: Request, options: Options) -> int:
         )
         return 130
     finished = sweep.finish(board, options.results)
-    print(
-        _as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results)
-    )
+    _update_leaderboard(options.results)
+    print(_as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results))
     return 1 if finished.failed else 0
+
+
+def _update_leaderboard(results: Path) -> None:
+    """Draw the leaderboard of the whole results folder again; records that are no good do not spoil this run."""
+    try:
+        leaderboard.write(results, leaderboard.rows(collect(results).records))
+    except BenchError as error:
+        print(f"bench: the leaderboard was not written:\n{error}", file=sys.stderr)
 
 
 def _name_unavailable(unavailable: Mapping[str, str]) -> None:
@@ -76,18 +83,20 @@ def _as_json(finished: sweep.Sweep, unavailable: Mapping[str, str]) -> str:
 
 def _as_text(finished: sweep.Sweep, results: Path) -> str:
     parts = [result_table(finished.rows)] if finished.rows else []
-    parts += [f"failed: {run.spec.label}: {run.reason}" for run in finished.failed]
+    parts += [
+        f"failed: {run.spec.label}: {run.reason} (more: {results / 'runs' / run.spec.folder_name / 'FAILED'})"
+        for run in finished.failed
+    ]
     parts += [f"not run here: {run.spec.label}: {run.reason}" for run in finished.elsewhere]
-    parts.append(f"{finished.board.summary()}. Records: {results / 'runs'}")
+    parts.append(f"{finished.board.summary()}.")
+    parts.append(f"Records: {results / 'runs'}; all of them compared: {results / 'leaderboard.md'}")
     return "\n".join(parts)
 
 
 def result_table(rows: Sequence[Row]) -> str:
     """T and A for each method, collisions with exact 95 % intervals."""
     heading = ("scenario", "method", "stage", "seeds", "collisions", "speed m/s", "interventions", "return")
-    ordered = sorted(
-        rows, key=lambda row: (row["scenario"], row["method"], row["steps"], row["stage"] == "A")
-    )
+    ordered = sorted(rows, key=lambda row: (row["scenario"], row["method"], row["steps"], row["stage"] == "A"))
     return columns(heading, [_cells(row) for row in ordered])
 
 
@@ -140,11 +149,7 @@ def dry_run(request: Request, options: Options) -> int:
     _name_unavailable(expansion.unavailable)
     if options.as_json:
         unavailable = dict(expansion.unavailable)
-        print(
-            json_text(
-                {"runs": listed, "wall_s": times.wall_s, "basis": times.basis, "unavailable": unavailable}
-            )
-        )
+        print(json_text({"runs": listed, "wall_s": times.wall_s, "basis": times.basis, "unavailable": unavailable}))
         return 0
     rows = [
         (str(item["run"]), str(item["state"]), f"{item['steps']:,}", f"{item['eval_episodes']:,}",

@@ -64,9 +64,7 @@ def episodes_table(episodes: Records) -> pa.Table:
         pyarrow.ArrowInvalid: A count does not fit its column.
     """
     columns = [
-        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(FINISHED[field.name])).cast(
-            field.type
-        )
+        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(FINISHED[field.name])).cast(field.type)
         if pa.types.is_integer(field.type)
         else pa.array(episodes[field.name].astype(np.float32))
         for field in EPISODES
@@ -113,9 +111,7 @@ def from_bytes(content: bytes, expected: pa.Schema, where: str) -> pa.Table:
     try:
         table = pq.read_table(pa.BufferReader(content))
     except (pa.ArrowInvalid, OSError) as error:
-        raise RecordError(
-            f"{where} is not readable ({error}): remove its folder and run it again."
-        ) from error
+        raise RecordError(f"{where} is not readable ({error}): remove its folder and run it again.") from error
     found = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if not table.schema.equals(expected):
         raise RecordError(

@@ -182,9 +182,7 @@ def read_failure(path: Path) -> Failure | None:
     try:
         return Failure(content["stage"], content["step"], content["reason"], "\n".join(content["traceback"]))
     except (KeyError, TypeError) as error:
-        raise RecordError(
-            f"{path.name}/{FAILED_FILE} is damaged: remove the folder and run it again."
-        ) from error
+        raise RecordError(f"{path.name}/{FAILED_FILE} is damaged: remove the folder and run it again.") from error
 
 
 def to_json(content: dict[str, Any]) -> bytes:
@@ -202,9 +200,7 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_bytes())
     except FileNotFoundError as error:
-        raise RecordError(
-            f"{where} is missing: not a record of this project, move the folder away."
-        ) from error
+        raise RecordError(f"{where} is missing: not a record of this project, move the folder away.") from error
     except (OSError, ValueError) as error:
         raise RecordError(f"{where} is truncated or damaged: remove the folder and run it again.") from error
     if not isinstance(content, dict):

@@ -69,9 +69,7 @@ class StageCounts:
             name: float(total) / (self.steps or math.nan)
             for name, total in zip(STEP_COLUMNS, self.step_sums, strict=True)
         }
-        means = {
-            name: float(total) / n for name, total in zip(EPISODE_COLUMNS, self.episode_sums, strict=True)
-        }
+        means = {name: float(total) / n for name, total in zip(EPISODE_COLUMNS, self.episode_sums, strict=True)}
         return {
             "ego_at_fault": self.ego_at_fault,
             "ahead_collisions": int(self.faults[Fault.AHEAD]),
@@ -82,10 +80,7 @@ class StageCounts:
             "intervention_ratio": shares["interventions"],
             "altered_share": shares["altered"],
             "return_without_risk": means["return_driving"] + means["return_comfort"],
-            **{
-                name: means[name]
-                for name in ("return_driving", "return_comfort", "return_risk", "lane_changes")
-            },
+            **{name: means[name] for name in ("return_driving", "return_comfort", "return_risk", "lane_changes")},
             "episode_cost": means["cost"],
             **{ending.name.lower(): int(self.endings[ending]) / n for ending in list(Ending)[1:]},
             "ttc_min_median_s": float(np.median(self.ttc_min_s)) if self.episodes else math.nan,
@@ -131,7 +126,5 @@ def pooled(counts: Sequence[StageCounts]) -> StageCounts:
     merged: dict[str, Any] = {}
     for field in dataclasses.fields(StageCounts):
         values = [getattr(c, field.name) for c in counts]
-        merged[field.name] = (
-            np.concatenate(values) if field.name == "ttc_min_s" else sum(values[1:], values[0])
-        )
+        merged[field.name] = np.concatenate(values) if field.name == "ttc_min_s" else sum(values[1:], values[0])
     return StageCounts(**merged)

@@ -160,9 +160,7 @@ def to_latex(table: Table) -> str:
     ]
     for row, stage, cells in table.rows():
         lines.append(r"\midrule")
-        lines.append(
-            " & ".join([escape(row), stage, "here", *(_tex_cell(cell, notes) for cell in cells)]) + r" \\"
-        )
+        lines.append(" & ".join([escape(row), stage, "here", *(_tex_cell(cell, notes) for cell in cells)]) + r" \\")
         lines.append(" & ".join(["", "", "paper", *(escape(_published(c.figure)) for c in cells)]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}"]
     if notes:

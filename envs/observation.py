@@ -55,9 +55,10 @@ EMPTY: Final = -1
 def observation_bounds() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Lowest and highest values of each entry, both of shape (47,).
 
-    Lateral speeds are bounded by the traffic's largest speed, headings by a half turn.
+    Lateral speeds are bounded by the traffic's largest speed, headings by a half turn. The ego's s and d leave
+    room for the step in which it passes the goal, or the road's edge.
     """
-    ego = [1.01, 1.5, 1.0, EGO_SPEED_MAX_MPS, math.pi]
+    ego = [1.01, 1.7, 1.0, EGO_SPEED_MAX_MPS, math.pi]
     vehicle = [1.0, 1.0, EGO_SPEED_MAX_MPS / SPEED_SCALE_MPS, 2.0 * EGO_SPEED_MAX_MPS, math.pi]
     pedestrian = [1.0, 1.2, 2.0]
     signed = np.array([*ego, *vehicle * VEHICLE_SLOTS, *pedestrian * PEDESTRIAN_SLOTS])

@@ -19,13 +19,16 @@ def reward_of(action):
 
 
 class Push(VectorEnv):
-    """Five pushes an episode: reward -(a - 1)^2, cost a.
+    """Five pushes an episode: reward -(a - 1)^2 and noise of variance 4, cost a.
 
-    The expected cost of an episode is 5 E[a], whatever the noise. With limit 1, the best policy that keeps it
+    The expected cost of an episode is 5 E[a], whatever the exploration. With limit 1, the best policy that keeps it
     always pushes 0.2; without, 1. The observation is (time, position), the position the sum of a tenth of all pushes.
+    The noise matters: OmniSafe divides reward advantages by their deviation, and without noise their slope would be
+    the same wherever the policy is, so that no multiplier could hold it in between.
     """
 
     def __init__(self, worlds: int, terminates: bool = False) -> None:
+        self.noise = np.random.default_rng(5)
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
         self.num_envs = worlds
         self.terminates = terminates
@@ -55,7 +58,7 @@ class Push(VectorEnv):
         self.position[done] = 0.0
         never = np.zeros(self.num_envs, bool)
         ends = (done, never) if self.terminates else (never, done)
-        return self.observe(), reward_of(push), *ends, info
+        return self.observe(), reward_of(push) + 2.0 * self.noise.standard_normal(self.num_envs), *ends, info
 
 
 def single_world_cmdp(core, terminates: bool):

@@ -1,13 +1,17 @@
 """OmniSafe's algorithms through our adapter, on tasks whose answer is known."""
 
+import contextlib
 import importlib.util
+import tempfile
 
 import numpy as np
 import pytest
 import torch
 
-from algorithms.omnisafe_library import algorithm_defaults
+from algorithms.omnisafe_env import known_to_omnisafe
+from algorithms.omnisafe_library import algorithm_defaults, close_logger, omnisafe_module, process_state_kept
 from algorithms.omnisafe_settings import configuration, settings_of
+from algorithms.omnisafe_speed import fast_loops
 from algorithms.omnisafe_training import Schedule, train_actor
 from tests.algorithms.omnisafe_toys import (
     BEST_CONSTRAINED,
@@ -16,6 +20,7 @@ from tests.algorithms.omnisafe_toys import (
     COST_LIMIT,
     HORIZON,
     Push,
+    single_world_cmdp,
 )
 
 pytestmark = pytest.mark.skipif(
@@ -24,7 +29,7 @@ pytestmark = pytest.mark.skipif(
 MAIN = ("CPO", "FOCOPS", "TRPOLag")
 
 
-def toy_configuration(algorithm: str, cost_limit: float, **changes: str) -> dict:
+def toy_configuration(algorithm, cost_limit, **changes):
     """Our settings, with networks of the toy's size."""
     settings = settings_of(algorithm).with_changes(changes)
     chosen = configuration(algorithm_defaults(algorithm), settings, cost_limit, gamma=0.95)
@@ -33,7 +38,7 @@ def toy_configuration(algorithm: str, cost_limit: float, **changes: str) -> dict
     return chosen
 
 
-def mean_push(network: torch.nn.Sequential) -> float:
+def mean_push(network):
     """Mean action over an episode of the deterministic policy."""
     env = Push(1)
     observations, _ = env.reset()
@@ -48,10 +53,101 @@ def mean_push(network: torch.nn.Sequential) -> float:
 
 @pytest.mark.learning
 @pytest.mark.parametrize("algorithm", MAIN)
-@pytest.mark.parametrize(("cost_limit", "best"), [(COST_LIMIT, BEST_CONSTRAINED), (50.0, BEST_UNCONSTRAINED)])
-def test_the_constrained_optimum_is_reached(algorithm, cost_limit, best):
-    changes = {"fisher_every": "2", "multiplier_learning_rate": "0.1", "multiplier_max": "100"}
-    network = train_actor(
-        algorithm, Push(20), Schedule(20, 100, 50, 0), toy_configuration(algorithm, cost_limit, **changes), seed=3
-    )
-    assert mean_push(network) == pytest.approx(best, abs=0.1)
+@pytest.mark.parametrize(
+    ("cost_limit", "multiplier", "best"),
+    [(COST_LIMIT, "0.4", BEST_CONSTRAINED), (50.0, "0.0", BEST_UNCONSTRAINED)],
+    ids=["binding", "slack"],
+)
+def test_the_constrained_optimum_is_reached(algorithm, cost_limit, multiplier, best):
+    changes = {
+        "noise_first": "0.25", "noise_last": "0.25", "fisher_every": "2", "iterations": "3", "batch": "500",
+        "multiplier": multiplier, "multiplier_learning_rate": "0.01", "multiplier_max": "100",
+        "actor_learning_rate": "0.001", "kl_limit": "0.01",
+    }  # fmt: skip
+    chosen = toy_configuration(algorithm, cost_limit, **changes)
+    network = train_actor(algorithm, Push(20, terminates=True), Schedule(20, 40, 50, 0), chosen, seed=3)
+    assert mean_push(network) == pytest.approx(best, abs=0.15)
+
+
+def trained_by_omnisafe_alone(algorithm, terminates, schedule, chosen, seed, folder):
+    """OmniSafe's own path: one world, its wrappers, its loops."""
+    core = omnisafe_module("omnisafe.envs.core")
+    cmdp = single_world_cmdp(core, terminates)
+    core.env_register(cmdp)
+    own = {
+        **chosen,
+        "seed": seed,
+        "train_cfgs": {**chosen["train_cfgs"], "total_steps": schedule.epochs * schedule.steps},
+        "algo_cfgs": {**chosen["algo_cfgs"], "steps_per_epoch": schedule.steps},
+        "logger_cfgs": {**chosen["logger_cfgs"], "log_dir": str(folder)},
+    }
+    try:
+        with process_state_kept():
+            trainer = omnisafe_module().Agent(algorithm, "Push-v0", custom_cfgs=own).agent
+            trainer.learn()
+            close_logger(trainer.logger)
+    finally:
+        core.env_unregister(cmdp)
+    return trainer._actor_critic.actor.mean[:-1]
+
+
+@pytest.mark.parametrize("algorithm", MAIN)
+@pytest.mark.parametrize("terminates", [True, False], ids=["terminated", "truncated"])
+def test_one_world_gives_what_omnisafe_gives_alone_bit_for_bit(algorithm, terminates, tmp_path):
+    schedule = Schedule(worlds=1, epochs=3, steps=60 * HORIZON, rest=0)
+    chosen = toy_configuration(algorithm, COST_LIMIT, batch="100")
+    ours = train_actor(algorithm, Push(1, terminates), schedule, chosen, seed=7)
+    theirs = trained_by_omnisafe_alone(algorithm, terminates, schedule, chosen, 7, tmp_path)
+    untrained = train_actor(algorithm, Push(1, terminates), Schedule(1, 1, 300, 0), chosen, seed=8)
+    for own, other, wrong in zip(ours.parameters(), theirs.parameters(), untrained.parameters(), strict=True):
+        assert torch.equal(own, other)
+        assert not torch.equal(own, wrong)
+
+
+def rolled_out(terminates, worlds, steps):
+    """OmniSafe's buffer after one roll-out through the adapter, and the trainer that filled it."""
+    vector = Push(worlds, terminates)
+    chosen = toy_configuration("CPO", COST_LIMIT)
+    chosen["train_cfgs"] |= {"vector_env_nums": worlds, "total_steps": worlds * steps}
+    chosen["algo_cfgs"] |= {"steps_per_epoch": worlds * steps}
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(process_state_kept())
+        stack.enter_context(fast_loops())
+        name = stack.enter_context(known_to_omnisafe(vector, lambda: None))
+        chosen["logger_cfgs"] |= {"log_dir": stack.enter_context(tempfile.TemporaryDirectory())}
+        trainer = omnisafe_module().Agent("CPO", name, custom_cfgs=chosen).agent
+        trainer._env.rollout(steps, trainer._actor_critic, trainer._buf, trainer.logger)
+        close_logger(trainer.logger)
+    return trainer
+
+
+def advantages_by_hand(rewards, values, bootstrap, gamma, gae):
+    """Generalized advantage estimates of one path, last decision first."""
+    advantage, following, found = 0.0, bootstrap, []
+    for reward, value in zip(rewards[::-1], values[::-1], strict=True):
+        advantage = reward + gamma * following - value + gamma * gae * advantage
+        following = value
+        found.append(advantage)
+    return np.array(found[::-1])
+
+
+@pytest.mark.parametrize("terminates", [True, False], ids=["terminated", "truncated"])
+def test_termination_is_worth_nothing_truncation_the_final_state_and_a_cut_the_present_one(terminates):
+    trainer = rolled_out(terminates, worlds=2, steps=HORIZON + 2)
+    gamma, gae = 0.95, settings_of("CPO").gae
+    for world, buffer in enumerate(trainer._buf.buffers):
+        data = {name: values.numpy().astype(np.float64) for name, values in buffer.data.items()}
+        pushes = np.clip(BOUND * data["act"][:, 0], -BOUND, BOUND)
+        final = [1.0, 0.1 * pushes[:HORIZON].sum()]  # five decisions old, before the reset
+        present = [2 / HORIZON, 0.1 * pushes[HORIZON:].sum()]
+        for letter, critic, signal in (("r", "reward_critic", "reward"), ("c", "cost_critic", "cost")):
+            with torch.no_grad():
+                at_end, at_cut = getattr(trainer._actor_critic, critic)(torch.tensor([final, present]))[0].tolist()
+            assert abs(at_end) > 1e-3
+            first = slice(0, HORIZON), 0.0 if terminates else at_end
+            second = slice(HORIZON, None), at_cut
+            for path, bootstrap in (first, second):
+                values = data[f"value_{letter}"][path]
+                expected = advantages_by_hand(data[signal][path], values, bootstrap, gamma, gae)
+                np.testing.assert_allclose(data[f"adv_{letter}"][path], expected, atol=1e-4, err_msg=str(world))
+                np.testing.assert_allclose(data[f"target_value_{letter}"][path], expected + values, atol=1e-4)

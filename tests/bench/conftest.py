@@ -15,7 +15,7 @@ from bench.store import Store
 from envs.driving_env import FINISHED
 from envs.world import Ending, Fault
 
-FAKE_METHODS = '''
+FAKE_METHODS = """
 import json, os, signal, time
 from pathlib import Path
 import numpy as np
@@ -79,7 +79,7 @@ class Scripted(Method):
         return Fixed((0.0, 0.0))
     def load_policy(self, folder, task):
         return Fixed((0.0, 0.0))
-'''
+"""
 CLASSES = ("Learner", "Failing", "Diverging", "Dying", "Endless", "Greedy", "Scripted")
 BROKEN = "broken = fake_methods_that_are_not_there:Broken"
 

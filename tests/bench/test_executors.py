@@ -1,5 +1,6 @@
 """Runs on worker processes: none stops another, not even by dying; Ctrl-C stops all at once and cleanly."""
 
+import io
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from bench import sweep
 from bench.display import Lines, LiveTable, Silent
@@ -60,7 +62,17 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps
     results, sign = tmp_path / "results", tmp_path / "sign"
     endless = make_spec(method="fake-endless", steps=100_000, eval_episodes=4)
     process = _bench(
-        results, "--algo", "fake-endless", "--scenario", "a", "--steps", "100000", "--eval-episodes", "4", "--seeds", "3"
+        results,
+        "--algo",
+        "fake-endless",
+        "--scenario",
+        "a",
+        "--steps",
+        "100000",
+        "--eval-episodes",
+        "4",
+        "--seeds",
+        "3",
     )
     try:
         deadline = time.monotonic() + 120.0
@@ -104,11 +116,8 @@ def test_the_live_table_shows_every_phase_without_reading_names_as_markup(make_s
     runs[phases.index(Phase.RUNNING)].advance("train", 500, 2_000, {"collision_rate": 0.25})
     board = Board(runs, workers=2)
     table = LiveTable(board)
-    from rich.console import Console
-
-    console = Console(width=200, record=True, file=open(os.devnull, "w"))
-    with console.file:
-        console.print(table._draw())
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(table._draw())
     text = console.export_text()
     assert "x:[red]=1 on a-v1, seed 1" in text
     assert "train 25 %" in text
@@ -126,7 +135,8 @@ def test_the_time_left_comes_from_runs_of_the_same_method(make_spec: Make) -> No
 
 
 @pytest.mark.parametrize(
-    ("code", "text"), [(-9, "was killed by SIGKILL (out of memory?)"), (-11, "was killed by SIGSEGV"), (3, "exit code 3")]
+    ("code", "text"),
+    [(-9, "was killed by SIGKILL (out of memory?)"), (-11, "was killed by SIGSEGV"), (3, "exit code 3")],
 )
 def test_the_death_of_a_process_is_described(code: int, text: str) -> None:
     assert text in death(code)

@@ -160,9 +160,7 @@ def test_a_lock_of_another_host_holds_until_it_is_silent_for_long(tmp_path: Path
         pass
 
 
-def test_a_process_that_inherited_the_number_of_a_dead_owner_is_not_the_owner(
-    tmp_path: Path, make_spec: Make
-) -> None:
+def test_a_process_that_inherited_the_number_of_a_dead_owner_is_not_the_owner(tmp_path: Path, make_spec: Make) -> None:
     results = Store(tmp_path)
     with results.begin(make_spec()) as folder:
         folder.write_run({})
@@ -251,9 +249,7 @@ def test_tables_of_other_columns_are_refused_with_their_version() -> None:
 
 
 @pytest.mark.parametrize("field", ["method_version", "scenario_version"])
-def test_records_of_two_versions_never_share_a_table(
-    tmp_path: Path, make_record: MakeRecord, field: str
-) -> None:
+def test_records_of_two_versions_never_share_a_table(tmp_path: Path, make_record: MakeRecord, field: str) -> None:
     make_record(tmp_path)
     make_record(tmp_path, seed=1, **{field: 2})
     with pytest.raises(RecordError, match="versions 1 and 2 never share a table"):

@@ -20,6 +20,9 @@ FULL_THROTTLE = np.array([[1.0, 2.0]])
 class Brake:
     """A shield that halves the acceleration and flags every step in which the ego is faster than 10 m/s."""
 
+    def begin(self, seed: np.random.SeedSequence) -> None:
+        pass
+
     def observe(self, observations: np.ndarray) -> None:
         self.observations = observations
 

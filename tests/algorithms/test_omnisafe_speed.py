@@ -1,0 +1,84 @@
+"""The faster loops give OmniSafe's numbers, bit for bit."""
+
+import importlib.util
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch.utils.data import DataLoader, TensorDataset
+
+from algorithms.omnisafe_library import omnisafe_module, process_state_kept
+from algorithms.omnisafe_speed import ShuffledBatches, discounted_sums, fast_loops, joined_storage
+
+needs_omnisafe = pytest.mark.skipif(
+    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
+)
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 100])
+def test_batches_are_those_of_torch_pass_after_pass(size):
+    dataset = TensorDataset(torch.arange(64.0), torch.randn(64, 3))
+    drawn = []
+    for loader in (DataLoader(dataset, batch_size=size, shuffle=True), ShuffledBatches(dataset, size, shuffle=True)):
+        torch.manual_seed(1)
+        drawn.append([batch for _ in range(3) for batch in loader])
+    assert len(drawn[0]) == len(drawn[1])
+    for theirs, ours in zip(*drawn, strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(theirs, ours, strict=True))
+
+
+def test_batches_in_order_are_refused():
+    with pytest.raises(ValueError, match="shuffle = False"):
+        ShuffledBatches(TensorDataset(torch.zeros(3)), 2, shuffle=False)
+
+
+def test_discounted_sums_worked_by_hand():
+    assert discounted_sums(torch.tensor([1.0, 2.0, 4.0]), 0.5).tolist() == [3.0, 4.0, 4.0]
+
+
+@needs_omnisafe
+@given(st.lists(st.floats(-1e3, 1e3, width=32), min_size=1, max_size=50), st.floats(0.0, 1.0))
+def test_discounted_sums_are_omnisafes(values, discount):
+    theirs = omnisafe_module("omnisafe.utils.math").discount_cumsum(torch.tensor(values), discount)
+    assert torch.equal(discounted_sums(torch.tensor(values), discount), theirs)
+
+
+@needs_omnisafe
+def test_joined_storage_holds_and_gives_what_omnisafes_buffer_does():
+    import gymnasium
+
+    box = gymnasium.spaces.Box(-1.0, 1.0, (3,))
+    original = omnisafe_module("omnisafe.common.buffer").VectorOnPolicyBuffer
+    arguments = {
+        "obs_space": box, "act_space": box, "size": 6, "gamma": 0.9, "lam": 0.8, "lam_c": 0.7,
+        "advantage_estimator": "gae", "penalty_coefficient": 0.0, "standardized_adv_r": True,
+        "standardized_adv_c": True, "num_envs": 4,
+    }  # fmt: skip
+    buffers = [original(**arguments), joined_storage(original)(**arguments)]
+    for _ in range(2):  # a buffer is used again in the next epoch
+        for _ in range(6):
+            scalars = {key: torch.randn(4) for key in ("reward", "cost", "value_r", "value_c", "logp")}
+            vectors = {key: torch.randn(4, 3) for key in ("obs", "act")}
+            for buffer in buffers:
+                buffer.store(**scalars, **vectors)
+        for world in range(4):
+            for buffer in buffers:
+                buffer.finish_path(torch.ones(1), torch.zeros(1), world)
+        theirs, ours = (buffer.get() for buffer in buffers)
+        assert theirs.keys() == ours.keys()
+        assert all(torch.equal(theirs[key], ours[key]) for key in theirs)
+
+
+@needs_omnisafe
+def test_the_originals_are_back_afterwards():
+    modules = [omnisafe_module(f"omnisafe.algorithms.on_policy.{name}") for name in (
+        "base.policy_gradient", "base.natural_pg", "first_order.focops", "first_order.cup",
+    )]  # fmt: skip
+    buffer = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
+    before = [module.DataLoader for module in modules], buffer.discount_cumsum
+    with pytest.raises(RuntimeError, match="stop"), process_state_kept(), fast_loops():
+        assert all(module.DataLoader is ShuffledBatches for module in modules)
+        assert buffer.discount_cumsum is discounted_sums
+        raise RuntimeError("stop")
+    assert ([module.DataLoader for module in modules], buffer.discount_cumsum) == before
