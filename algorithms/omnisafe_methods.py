@@ -63,7 +63,6 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
         task.torch_seed(),
         progress,
     )
-    progress({})
     architecture = Architecture(
         (OBSERVATION_SIZE, *ACTOR_LAYERS, len(env.single_action_space.low)), ACTIVATION, squashed=False
     )

@@ -1,19 +1,17 @@
-"""Same numbers, fewer Python loops: replacements for three inner loops of OmniSafe, in place only while it trains."""
+"""Same numbers, fewer Python loops: replacements for inner loops of OmniSafe, in place only while it trains."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
-from typing import Any, Final
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import scipy.signal
 import torch
 from torch.utils.data import TensorDataset
 
 from algorithms.omnisafe_library import omnisafe_module
-
-_ON_POLICY: Final = "omnisafe.algorithms.on_policy."
 
 
 class ShuffledBatches:
@@ -73,23 +71,41 @@ def joined_storage(vector_buffer: type[Any]) -> type[Any]:
     return JoinedBuffer
 
 
-@contextlib.contextmanager
-def fast_loops() -> Iterator[None]:
-    """Put the replacements in place; OmniSafe's own come back afterwards."""
+def without_display(sequence: Iterable[Any], description: str = "") -> Iterable[Any]:
+    """Stands in for rich's `track`: its display has a thread, and would draw into that of our own command line."""
+    return sequence
+
+
+def _replacements() -> list[tuple[Any, str, Any]]:
+    """Module, name and replacement of everything that is replaced."""
     buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
-    trainers = [m for name, m in sys.modules.items() if name.startswith(_ON_POLICY) and hasattr(m, "DataLoader")]
-    base = omnisafe_module(f"{_ON_POLICY}base.policy_gradient")
-    replaced: list[tuple[Any, str, Any]] = [
+    base = omnisafe_module("omnisafe.algorithms.on_policy.base.policy_gradient")
+    found: list[tuple[Any, str, Any]] = [
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
     ]
-    replaced += [(module, "DataLoader", ShuffledBatches) for module in trainers]
+    for module_name, module in sys.modules.items():
+        if module_name.startswith(("omnisafe.algorithms.on_policy.", "omnisafe.adapter.")):
+            for name, value in (("DataLoader", ShuffledBatches), ("track", without_display)):
+                if hasattr(module, name):
+                    found.append((module, name, value))
+    return found
+
+
+@contextlib.contextmanager
+def fast_loops() -> Iterator[None]:
+    """Put the replacements in place; OmniSafe's own come back afterwards.
+
+    torch's validation of distributions, a fifth of a roll-out, is off meanwhile: the environment refuses actions
+    that are not finite.
+    """
+    replaced = _replacements()
     originals = [(module, name, getattr(module, name)) for module, name, _ in replaced]
     validated = torch.distributions.Distribution._validate_args
-    for module, name, value in replaced:
-        setattr(module, name, value)
-    torch.distributions.Distribution.set_default_validate_args(False)
     try:
+        for module, name, value in replaced:
+            setattr(module, name, value)
+        torch.distributions.Distribution.set_default_validate_args(False)
         yield
     finally:
         torch.distributions.Distribution.set_default_validate_args(validated)

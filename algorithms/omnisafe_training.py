@@ -80,7 +80,7 @@ def train_actor(
         schedule: Its worlds are those of the environment.
         configuration: OmniSafe's custom configuration without what the schedule says.
         seed: For networks and exploration, 32 bits.
-        progress: Called with scalars at the start of every epoch.
+        progress: Called with scalars at the start of every epoch and at the end.
 
     Raises:
         UnavailableMethodError: OmniSafe cannot be imported.
@@ -102,6 +102,7 @@ def train_actor(
         try:
             trainer.learn()
             _spend_rest(trainer, schedule.rest)
+            progress(_epoch_scalars(trainer))
         finally:
             close_logger(trainer.logger)
     network: torch.nn.Sequential = trainer._actor_critic.actor.mean[:-1]  # without the identity at its end
@@ -109,16 +110,11 @@ def train_actor(
 
 
 def _epoch_scalars(trainer: Any) -> dict[str, float]:
-    """What the epoch that ended was trained with; its episode costs are forgotten after that.
-
-    OmniSafe holds the constraint against the last 50 episodes. Where an epoch has fewer, the mean lags behind the
-    policy by epochs: CPO then brakes to a standstill over collisions that no longer happen.
-    """
+    """What the last update saw: mean cost of the last 50 finished episodes, Lagrange multiplier."""
     scalars = {}
     costs = trainer.logger._data["Metrics/EpCost"]
     if costs:
         scalars["episode_cost"] = sum(costs) / len(costs)
-        costs.clear()
     lagrange = getattr(trainer, "_lagrange", None)
     if lagrange is not None:
         scalars["multiplier"] = float(torch.as_tensor(lagrange.lagrangian_multiplier).detach())

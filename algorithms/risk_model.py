@@ -218,5 +218,6 @@ class RiskModel:
         except RiskModelFileError:
             raise
         except Exception as error:
-            raise RiskModelFileError(f"{folder}: not a readable risk model ({type(error).__name__}: {error}).") from error
+            reason = f"{type(error).__name__}: {error}"
+            raise RiskModelFileError(f"{folder}: not a readable risk model ({reason}).") from error
         return cls(network, architecture, text["description"])

@@ -36,7 +36,7 @@ def evaluate(
         progress: Called with the number of episodes that have ended, each time that it changes.
 
     Returns:
-        `FINISHED` records, shape (episodes,), in order of episode number.
+        `EPISODE` records, shape (episodes,), in order of episode number.
 
     Raises:
         ValueError: The policy gave an action that is not finite or of the wrong shape.

@@ -1,7 +1,7 @@
 """Columns of the Parquet files of a record, and their bytes.
 
 `train_episodes.parquet` (in order of completion) and `eval_episodes.parquet` (in order of episode number)
-hold one row for each finished episode with the columns of `envs.driving_env.FINISHED`, documented in
+hold one row for each finished episode with the columns of `envs.driving_env.EPISODE`, documented in
 `envs.world.EPISODE`: numbers as 32-bit floats, counts as the smallest integer that holds them.
 `scalars.parquet` holds what the learner reported: one row for each step and name.
 """
@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.errors import RecordError
-from envs.driving_env import FINISHED
+from envs.world import EPISODE
 from envs.world import Records
 
 TABLES_VERSION: Final = 1
@@ -40,12 +40,12 @@ _NARROW: Final[dict[str, pa.DataType]] = {
 def _arrow_type(name: str) -> pa.DataType:
     if name in _NARROW:
         return _NARROW[name]
-    return pa.float32() if FINISHED[name].kind == "f" else pa.int32()
+    return pa.float32() if EPISODE[name].kind == "f" else pa.int32()
 
 
 _METADATA: Final = {_VERSION_KEY: str(TABLES_VERSION).encode()}
 EPISODES: Final = pa.schema(
-    [pa.field(name, _arrow_type(name), nullable=False) for name in FINISHED.names or ()], _METADATA
+    [pa.field(name, _arrow_type(name), nullable=False) for name in EPISODE.names or ()], _METADATA
 )
 SCALARS: Final = pa.schema(
     [
@@ -58,13 +58,13 @@ SCALARS: Final = pa.schema(
 
 
 def episodes_table(episodes: Records) -> pa.Table:
-    """`FINISHED` records as a table.
+    """`EPISODE` records as a table.
 
     Raises:
         pyarrow.ArrowInvalid: A count does not fit its column.
     """
     columns = [
-        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(FINISHED[field.name])).cast(field.type)
+        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(EPISODE[field.name])).cast(field.type)
         if pa.types.is_integer(field.type)
         else pa.array(episodes[field.name].astype(np.float32))
         for field in EPISODES

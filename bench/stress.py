@@ -197,7 +197,7 @@ def stress_guard(
 
 
 def _drive(source: EpisodeSource, driver: StressDriver, shield: Shield, worlds: int) -> Records:
-    """`FINISHED` records of all episodes of a source that ends, in order of their numbers."""
+    """`EPISODE` records of all episodes of a source that ends, in order of their numbers."""
     env = DrivingVectorEnv(source.scenario, worlds, source=source, shield=shield)
     observations, _ = env.reset()
     while env.active.any():

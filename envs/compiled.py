@@ -7,9 +7,10 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numba
+import numba.core.config
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -44,10 +45,14 @@ def _cache_directory() -> Path:
     raise OSError("No writable folder for compiled code; set XDG_CACHE_HOME to one.")
 
 
+_settings: Any = numba.core.config
+JIT_DISABLED: Final = bool(_settings.DISABLE_JIT)
+"""Whether kernels run as plain Python (NUMBA_DISABLE_JIT=1), for coverage and debugging."""
+
 if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(_cache_directory())
+    _settings.CACHE_DIR = str(_cache_directory())
 # The OpenMP layer would share torch's thread pool and its OMP_NUM_THREADS=1.
-numba.config.THREADING_LAYER = "workqueue"
+_settings.THREADING_LAYER = "workqueue"
 
 
 def njit(function: F) -> F:

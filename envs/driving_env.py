@@ -13,22 +13,19 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from envs import engine
+from envs import batch, engine
 from envs.layout import CHUNK, EpisodeSource
-from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S, TARGET_MAX_M
+from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2
 from envs.observation import OBSERVATION_SIZE, observation_bounds
 from envs.reward import CostSignal
-from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, LANES, PedestrianRule, Scenario, get_scenario
-from envs.world import EPISODE, Ending, FloatArray, Records, Shield, World, empty_world
+from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, PedestrianRule, Scenario, get_scenario
+from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
 
 __all__ = ["ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv"]
 
 HORIZON_MIN_S: Final = 0.5
 HORIZON_MAX_S: Final = 4.0
 """Range of T_c in the driving agent's action (paper, appendix) [s]."""
-
-FINISHED: Final = np.dtype([*EPISODE.descr, ("world", "<i8"), ("end_step", "<i8")])
-"""`EPISODE` with the world it ran in and the count of simulation steps at its end."""
 
 
 SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
@@ -71,7 +68,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
 
     ``info`` of a step, each of shape (N,): ``cost``, ``reward_without_risk``, ``intervened`` (steps of this
     decision that the shield flagged); with finished worlds also ``final_obs`` (N, 47), its mask ``_final_obs``
-    and ``finished``, their `FINISHED` records in order of world.
+    and ``finished``, their `EPISODE` records in order of world.
 
     Args:
         scenario: The constrained MDP, or its name.
@@ -133,6 +130,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._comfort = comfort
         self._cost_signal = int(cost_signal)
         self._source = source
+        self._source_given = source is not None
         self.decision_limit = decision_limit
         self._threads = threads
         self._autoreset = autoreset
@@ -140,6 +138,13 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._chunk: tuple[int, World] | None = None
         self._finished: list[Records] = []
         self._observations = np.zeros((num_envs, OBSERVATION_SIZE), np.float32)
+        self._fair = scenario.pedestrian_rule is PedestrianRule.FAIR
+        self._planning = action_mode is ActionMode.PLANNING
+        self._all = np.arange(num_envs)
+        self._quiet = np.zeros(num_envs, np.bool_)
+        self._interventions = np.zeros(num_envs, np.int64)
+        self._sums = np.zeros((num_envs, 4))
+        self._targets, self._commands, self._horizons, self._speeds = np.zeros((4, num_envs))
         self._low = np.asarray(self.single_action_space.low, np.float64)
         self._high = np.asarray(self.single_action_space.high, np.float64)
 
@@ -150,11 +155,11 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
 
     @staticmethod
     def no_episodes() -> Records:
-        """An empty array of `FINISHED` records."""
-        return np.empty(0, FINISHED)
+        """An empty array of `EPISODE` records."""
+        return np.empty(0, EPISODE)
 
     def finished_episodes(self) -> Records:
-        """All episodes that have ended, in order of completion, `FINISHED` records."""
+        """All episodes that have ended, in order of completion, `EPISODE` records."""
         return np.concatenate([self.no_episodes(), *self._finished])
 
     @property
@@ -163,10 +168,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         return sum(map(len, self._finished))
 
     def recent_episodes(self, count: int) -> Records:
-        """The last so many finished episodes, `FINISHED` records."""
+        """The last so many finished episodes, `EPISODE` records."""
         batches: list[Records] = []
-        for batch in reversed(self._finished):
-            batches.insert(0, batch)
+        for records in reversed(self._finished):
+            batches.insert(0, records)
             if sum(map(len, batches)) >= count:
                 break
         return np.concatenate([self.no_episodes(), *batches])[-count:]
@@ -174,155 +179,134 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
-        """Start a new episode in every world; a seed starts the stream of episodes anew."""
+        """Start a new episode in every world; a seed starts the stream of episodes, or the given source, anew."""
         if seed is not None or self._source is None:
-            numbers = [seed] if isinstance(seed, int) else seed
-            entropy = None if numbers is None else [int(number or 0) for number in numbers]
-            self._source = EpisodeSource(self.scenario, np.random.SeedSequence(entropy))
+            if self._source is None or not self._source_given:
+                numbers = [seed] if isinstance(seed, int) else seed
+                entropy = None if numbers is None else [int(number or 0) for number in numbers]
+                self._source = EpisodeSource(self.scenario, np.random.SeedSequence(entropy))
             self._chunk = None
             self._next_episode = 0
+        assert self._source is not None
         self._next_episode = max(self._next_episode, self._source.start)
         self.active[:] = False
-        for i in range(self.num_envs):
-            self._begin_episode(i)
-        self._observe()
+        self._begin_episodes(self._all)
+        self._observe(self._all)
         return self._observations.copy(), {}
 
     def step(
         self, actions: npt.NDArray[Any]
-    ) -> tuple[
-        npt.NDArray[np.float32], FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]
-    ]:
+    ) -> tuple[npt.NDArray[np.float32], FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], dict[str, Any]]:
         """Carry out one decision in every world.
 
         Args:
             actions: Shape (N, A), physical units; values beyond the action space are clipped to it.
 
         Raises:
-            ValueError: Wrong shape, or a value that is not finite.
+            ValueError: Wrong shape, or a value that is not finite, from the policy or the shield.
             BudgetExceededError: The decision limit is used up.
         """
-        clipped = self._checked(actions)
+        self._interpret(actions)
         if self.decision_limit is not None and self.decisions >= self.decision_limit:
             raise BudgetExceededError(f"The budget of {self.decision_limit} decisions per world is used up.")
         self.decisions += 1
-        before = self.world.episode["interventions"].copy()
-        sums = self._drive(clipped)
-        done = self.active & (self.world.episode["ending"] != Ending.RUNNING)
-        ending = self.world.episode["ending"]
-        terminated = done & ((ending == Ending.COLLISION) | (ending == Ending.OFF_ROAD))
-        base = sums[:, 0] + (sums[:, 1] if self._comfort else 0.0)
-        info: dict[str, Any] = {
-            "cost": sums[:, 3].copy(),
-            "reward_without_risk": base / self.scenario.substeps,
-            "intervened": self.world.episode["interventions"] - before,
-        }
-        reward = (base + sums[:, 2]) / self.scenario.substeps
-        self._observe()
-        if done.any():
+        self._sums[:] = 0.0
+        self._drive()
+        n = self.num_envs
+        reward, without_risk, cost = np.empty(n), np.empty(n), np.empty(n)
+        terminated, truncated = np.empty(n, np.bool_), np.empty(n, np.bool_)
+        intervened = np.empty(n, np.int64)
+        ended = batch.conclude(
+            self.world.episode, self.active, self._interventions, self._sums, self.scenario.substeps, self._comfort,
+            reward, without_risk, cost, intervened, terminated, truncated,
+        )  # fmt: skip
+        info: dict[str, Any] = {"cost": cost, "reward_without_risk": without_risk, "intervened": intervened}
+        self._observe(self._all)
+        if ended:
+            done = terminated | truncated
             info |= {"final_obs": self._observations.copy(), "_final_obs": done, "finished": self._finish(done)}
-        return self._observations.copy(), reward, terminated, done & ~terminated, info
+        return self._observations.copy(), reward, terminated, truncated, info
 
-    def _checked(self, actions: npt.NDArray[Any]) -> FloatArray:
-        values = np.asarray(actions, np.float64)
+    def _interpret(self, actions: npt.NDArray[Any]) -> None:
+        """Check actions and keep what they ask for."""
+        values = np.ascontiguousarray(actions, np.float64)
         expected = (self.num_envs, len(self._low))
         if values.shape != expected:
             raise ValueError(f"Actions have shape {values.shape}; expected {expected} (worlds, action).")
-        if not np.isfinite(values).all():
-            world, entry = np.argwhere(~np.isfinite(values))[0]
+        bad = batch.interpret_actions(
+            self.world.ego, values, self._low, self._high, self._planning,
+            self._targets, self._commands, self._horizons, self._speeds,
+        )  # fmt: skip
+        if bad != batch.VALID:
+            world, entry = divmod(bad, len(self._low))
             raise ValueError(f"Action entry {entry} of world {world} is {values[world, entry]}: must be finite.")
-        return np.clip(values, self._low, self._high)
 
-    def _drive(self, actions: FloatArray) -> FloatArray:
-        """Hold the actions for one decision; sums of driving, comfort and risk reward and of cost, (N, 4)."""
-        sums = np.zeros((self.num_envs, 4))
-        planning = self.action_mode is ActionMode.PLANNING
-        offsets = actions[:, 1 if planning else 0]
-        targets = self._lateral_targets(offsets)
-        horizons = actions[:, 0].copy() if planning else np.full(self.num_envs, HORIZON_S)
-        speeds = actions[:, 2].copy() if planning else np.zeros(self.num_envs)
-        commands = np.zeros(self.num_envs) if planning else actions[:, 1].copy()
-        quiet = np.zeros(self.num_envs, np.bool_)
+    def _drive(self) -> None:
+        """Hold the actions for one decision."""
+        targets, commands, quiet = self._targets, self._commands, self._quiet
         if self.shield is None and self.on_substep is None:
-            self._advance(targets, commands, horizons, speeds, targets, commands, quiet, self.scenario.substeps, sums)
-            return sums
+            self._advance(targets, commands, quiet, self._horizons, self.scenario.substeps)
+            return
         if self.shield is not None:
             self.shield.observe(self._observations)
-        safe_targets, safe_commands, intervened, horizon = targets, commands, quiet, None
+        safe_targets, safe_commands, intervened, horizons = targets, commands, quiet, self._horizons
         for _ in range(self.scenario.substeps):
             if self.shield is not None:
-                safe_targets, safe_commands, intervened, horizon = self.shield.filter(
-                    self.world, targets, commands
-                )
-            self._advance(
-                safe_targets, safe_commands, horizons if horizon is None else horizon, speeds,
-                targets, commands, intervened, 1, sums,
-            )  # fmt: skip
+                safe_targets, safe_commands, intervened, wanted = self.shield.filter(self.world, targets, commands)
+                horizons = self._horizons if wanted is None else wanted
+            self._advance(safe_targets, safe_commands, intervened, horizons, 1)
             if self.on_substep is not None:
                 self.on_substep(self.world, targets, commands, intervened)
-        return sums
-
-    def _lateral_targets(self, offsets: FloatArray) -> FloatArray:
-        """Absolute targets of offsets from the nearest lane's centre, kept on the road, (N,) [m]."""
-        d = self.world.ego["d"]
-        lane = np.clip(np.ceil(d / LANE_WIDTH_M + LANES / 2 - 1.0), 0, LANES - 1)
-        targets: FloatArray = np.clip((lane - 1) * LANE_WIDTH_M + offsets, -TARGET_MAX_M, TARGET_MAX_M)
-        return targets
 
     def _advance(
-        self, targets: FloatArray, commands: FloatArray, horizons: FloatArray, speeds: FloatArray,
-        proposed_targets: FloatArray, proposed_commands: FloatArray, intervened: npt.NDArray[np.bool_],
-        substeps: int, sums: FloatArray,
-    ) -> None:  # fmt: skip
+        self, targets: FloatArray, commands: FloatArray, intervened: BoolArray, horizons: FloatArray, substeps: int
+    ) -> None:
+        """Some steps of 0.1 s under executed actions, which may differ from the proposed ones."""
         kernel = engine.advance if self._threads == 1 else engine.advance_parallel
         if self._threads > 1:
             numba.set_num_threads(self._threads)
         world = self.world
         kernel(
-            world.ego, world.vehicles, world.pedestrians, world.episode, targets, commands, horizons, speeds,
-            proposed_targets, proposed_commands, intervened, substeps,
-            self.action_mode is ActionMode.PLANNING, self.scenario.lane_changes,
-            self.scenario.pedestrian_rule is PedestrianRule.FAIR, self._cost_signal, sums,
+            world.ego, world.vehicles, world.pedestrians, world.episode, targets, commands, horizons, self._speeds,
+            self._targets, self._commands, intervened, substeps,
+            self._planning, self.scenario.lane_changes, self._fair, self._cost_signal, self._sums,
         )  # fmt: skip
 
-    def _observe(self) -> None:
+    def _observe(self, worlds: npt.NDArray[np.int64]) -> None:
         world = self.world
-        engine.observe(world.ego, world.vehicles, world.pedestrians, self._observations)
-        self._observations[~self.active] = 0.0
+        batch.observe(world.ego, world.vehicles, world.pedestrians, self.active, worlds, self._observations)
 
-    def _finish(self, done: npt.NDArray[np.bool_]) -> Records:
+    def _finish(self, done: BoolArray) -> Records:
         """Keep the records of finished worlds and begin their next episodes."""
         worlds = np.flatnonzero(done)
-        records = np.empty(len(worlds), FINISHED)
-        for name in EPISODE.names or ():
-            records[name] = self.world.episode[name][worlds]
+        records: Records = self.world.episode[worlds]
         records["world"] = worlds
         records["end_step"] = self.steps_done
         self._finished.append(records)
         self.active[worlds] = False
         if self._autoreset:
-            for i in worlds:
-                self._begin_episode(int(i))
-            self._observe()
+            self._begin_episodes(worlds)
+            self._observe(worlds)
         return records
 
-    def _begin_episode(self, i: int) -> None:
-        """Load the next episode of the source into world i, or leave it inactive where the source has ended."""
+    def _begin_episodes(self, worlds: npt.NDArray[np.int64]) -> None:
+        """Load the next episodes of the source, in order of world; where it has ended, worlds stay inactive."""
         assert self._source is not None
-        number = self._next_episode
-        if self._source.stop is not None and number >= self._source.stop:
-            self.world.episode["ending"][i] = Ending.TIME_OUT
-            return
-        index, row = divmod(number, CHUNK)
-        if self._chunk is None or self._chunk[0] != index:
-            self._chunk = (index, self._source.chunk(index))
-        start = self._chunk[1]
-        self.world.ego[i] = start.ego[row]
-        self.world.vehicles[i] = start.vehicles[row]
-        self.world.pedestrians[i] = start.pedestrians[row]
-        self.world.episode[i] = start.episode[row]
-        self.active[i] = True
-        self._next_episode = number + 1
+        if self._source.stop is not None:
+            left = max(self._source.stop - self._next_episode, 0)
+            self.world.episode["ending"][worlds[left:]] = Ending.TIME_OUT
+            worlds = worlds[:left]
+        while len(worlds):
+            index, row = divmod(self._next_episode, CHUNK)
+            if self._chunk is None or self._chunk[0] != index:
+                self._chunk = (index, self._source.chunk(index))
+            start, now, some = self._chunk[1], self.world, worlds[: CHUNK - row]
+            batch.load_episodes(
+                now.ego, now.vehicles, now.pedestrians, now.episode, self.active, self._interventions, some,
+                start.ego, start.vehicles, start.pedestrians, start.episode, row,
+            )  # fmt: skip
+            self._next_episode += len(some)
+            worlds = worlds[len(some) :]
 
 
 class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
@@ -333,9 +317,7 @@ class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
-    def __init__(
-        self, scenario: Scenario | str = "a", render_mode: str | None = None, **arguments: Any
-    ) -> None:
+    def __init__(self, scenario: Scenario | str = "a", render_mode: str | None = None, **arguments: Any) -> None:
         """Build the world of a scenario or of its name."""
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'.")

@@ -6,8 +6,6 @@ import math
 from typing import Final
 
 import numba
-import numpy as np
-import numpy.typing as npt
 
 from envs import pedestrians as crossing
 from envs import traffic
@@ -21,7 +19,6 @@ from envs.geometry import (
     rectangles_overlap,
 )
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, move_ego, planned_acceleration, steer
-from envs.observation import write_observation
 from envs.reward import (
     COLLISION_REWARD,
     LOW_TTC_S,
@@ -33,7 +30,7 @@ from envs.reward import (
     path_exposure,
     speed_reward,
 )
-from envs.scenario import GOAL_M, PEDESTRIAN_SLOTS, STEP_S, TIME_LIMIT_S, VEHICLE_SLOTS
+from envs.scenario import GOAL_M, STEP_S, TIME_LIMIT_S
 from envs.world import CROSSING, BoolArray, Ending, Fault, FloatArray, Records
 
 STEPS_MAX: Final = round(TIME_LIMIT_S / STEP_S)
@@ -249,14 +246,3 @@ def advance_parallel(
             ego, vehicles, pedestrians, episode, i, targets, commands, horizons, speeds, proposed_targets,
             proposed_commands, intervened, substeps, planning, lane_changes, fair, cost_signal, sums,
         )  # fmt: skip
-
-
-@njit
-def observe(
-    ego: Records, vehicles: Records, pedestrians: Records, out: npt.NDArray[np.float32]
-) -> None:
-    """Write the state vector of every world into out, shape (N, 47)."""
-    slots = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.int64)
-    keys = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.float64)
-    for i in range(ego.shape[0]):
-        write_observation(ego, vehicles, pedestrians, i, out[i], slots, keys)

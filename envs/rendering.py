@@ -232,21 +232,18 @@ def render_episode(trace: EpisodeTrace, path: Path, *, every: int = 1, annotate:
         raise ValueError(
             f"every = {every}, path = {path.name}: every must be 1 or more, the suffix .mp4, .gif or none."
         )
-    pictures = frames(trace, every, annotate)
+    pictures, rate = frames(trace, every, annotate), FRAMES_PER_S / every
+    count = len(range(0, len(trace), every)) + 1
     if not path.suffix:
         path.mkdir(parents=True, exist_ok=True)
-        count = 0
-        for count, picture in enumerate(pictures, start=1):
-            imageio.imwrite(path / f"frame_{count - 1:04d}.png", picture)
+        for k, picture in enumerate(pictures):
+            imageio.imwrite(path / f"frame_{k:04d}.png", picture)
         return count
-    rate = FRAMES_PER_S / every
     if path.suffix == ".mp4":
         writer = imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=16)
     else:
         writer = imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1 / rate, loop=0)
     with writer:
-        count = 0
         for picture in pictures:
             writer.append_data(picture)
-            count += 1
     return count

@@ -99,21 +99,17 @@ class Scenario:
         return f"{self.name}-v{self.version}"
 
 
-_DENSE = {"vehicles": 12}
-_MOBIL = {"lane_changes": True}
-_CROSSING = {"pedestrian_rule": PedestrianRule.FAIR}
-
 _BUILT_IN: Final[dict[str, Scenario]] = {
     s.name: s
     for s in (
         Scenario("a"),
-        Scenario("a-dense", **_DENSE),
-        Scenario("a-mobil", **_MOBIL),
-        Scenario("a-dense-mobil", **_DENSE, **_MOBIL),
+        Scenario("a-dense", vehicles=12),
+        Scenario("a-mobil", lane_changes=True),
+        Scenario("a-dense-mobil", vehicles=12, lane_changes=True),
         Scenario("a-standing", standing_start=True),
-        Scenario("b", **_CROSSING),  # type: ignore[arg-type]
+        Scenario("b", pedestrian_rule=PedestrianRule.FAIR),
         Scenario("b-late", pedestrian_rule=PedestrianRule.LATE),
-        Scenario("b-standing", standing_start=True, **_CROSSING),  # type: ignore[arg-type]
+        Scenario("b-standing", pedestrian_rule=PedestrianRule.FAIR, standing_start=True),
     )
 }
 

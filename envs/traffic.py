@@ -93,26 +93,24 @@ def _counts(vehicles: Records, pedestrians: Records, i: int, k: int) -> bool:
 
 
 @njit
-def neighbours(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int
-) -> tuple[int, int]:
-    """Participants ahead of and behind participant k in a lane: highway-env's `Road.neighbour_vehicles`."""
+def neighbour(
+    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int, ahead: bool
+) -> int:
+    """Participant next ahead of (or behind) participant k in a lane: highway-env's `Road.neighbour_vehicles`."""
     s = _state(ego, vehicles, pedestrians, i, k)[0]
     centre = lane_centre(lane)
     reach = 0.5 * LANE_WIDTH_M + LANE_MARGIN_M
-    ahead, behind = NOBODY, NOBODY
-    s_ahead, s_behind = math.inf, -math.inf
+    nearest = NOBODY
+    s_nearest = math.inf if ahead else -math.inf
     for other in range(1 + vehicles.shape[1] + pedestrians.shape[1]):
         if other == k or not _counts(vehicles, pedestrians, i, other):
             continue
         s_other, d_other, _, _ = _state(ego, vehicles, pedestrians, i, other)
         if abs(d_other - centre) > reach:
             continue
-        if s <= s_other <= s_ahead:
-            ahead, s_ahead = other, s_other
-        if s_behind < s_other < s:
-            behind, s_behind = other, s_other
-    return ahead, behind
+        if (s <= s_other <= s_nearest) if ahead else (s_nearest < s_other < s):
+            nearest, s_nearest = other, s_other
+    return nearest
 
 
 @njit
@@ -154,11 +152,12 @@ def _mobil_recommends(
     ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int
 ) -> bool:
     """MOBIL with politeness 0 (Kesting, Treiber and Helbing 2007), highway-env's `IDMVehicle.mobil`."""
-    new_ahead, new_behind = neighbours(ego, vehicles, pedestrians, i, k, lane)
+    new_behind = neighbour(ego, vehicles, pedestrians, i, k, lane, False)
     imposed = judged_acceleration(ego, vehicles, pedestrians, i, k, new_behind, k)
     if imposed < -IMPOSED_BRAKING_MAX_MPS2:
         return False
-    old_ahead, _ = neighbours(ego, vehicles, pedestrians, i, k, nearest_lane(vehicles[i, k - 1].d))
+    new_ahead = neighbour(ego, vehicles, pedestrians, i, k, lane, True)
+    old_ahead = neighbour(ego, vehicles, pedestrians, i, k, nearest_lane(vehicles[i, k - 1].d), True)
     gain = following_acceleration(ego, vehicles, pedestrians, i, k, new_ahead) - following_acceleration(
         ego, vehicles, pedestrians, i, k, old_ahead
     )
@@ -227,10 +226,10 @@ def decide(ego: Records, vehicles: Records, pedestrians: Records, i: int, lane_c
             v = vehicles[i, j]
             vehicles[i, j].steering = lane_steering(v.d, v.heading, v.speed, v.target_lane)
         lane = nearest_lane(vehicles[i, j].d)
-        ahead, _ = neighbours(ego, vehicles, pedestrians, i, j + 1, lane)
+        ahead = neighbour(ego, vehicles, pedestrians, i, j + 1, lane, True)
         a = following_acceleration(ego, vehicles, pedestrians, i, j + 1, ahead)
         if lane_changes and lane != vehicles[i, j].target_lane:
-            ahead, _ = neighbours(ego, vehicles, pedestrians, i, j + 1, vehicles[i, j].target_lane)
+            ahead = neighbour(ego, vehicles, pedestrians, i, j + 1, vehicles[i, j].target_lane, True)
             a = min(a, following_acceleration(ego, vehicles, pedestrians, i, j + 1, ahead))
         vehicles[i, j].acceleration = min(max(a, -ACCELERATION_LIMIT_MPS2), ACCELERATION_LIMIT_MPS2)
 

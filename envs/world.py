@@ -9,6 +9,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from envs.compiled import JIT_DISABLED
+
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Records = npt.NDArray[Any]
@@ -16,7 +18,15 @@ Records = npt.NDArray[Any]
 # Frame: s along the road [m], d to the left of the middle lane's centre line [m]; lane i has its centre at
 # (i - 1) * 3.5 m. A record per body keeps a world's state in a few cache lines, and a kernel's call cheap.
 
-EGO: Final = np.dtype(
+# Compiled code reads fields as attributes; uncompiled (coverage, debugging) only numpy's record class can.
+_RECORD: Final = np.record if JIT_DISABLED else np.void
+
+
+def _record(fields: list[tuple[str, str]]) -> np.dtype[Any]:
+    return np.dtype((_RECORD, fields))
+
+
+EGO: Final = _record(
     [
         ("s", "f8"),  # centre, along the road [m]
         ("d", "f8"),  # centre, across the road [m]
@@ -34,7 +44,7 @@ EGO: Final = np.dtype(
     ]
 )
 
-VEHICLE: Final = np.dtype(
+VEHICLE: Final = _record(
     [
         ("present", "i8"),  # 1 or 0
         ("s", "f8"),
@@ -55,7 +65,7 @@ WAITING: Final = 0
 CROSSING: Final = 1
 GONE: Final = 2
 
-PEDESTRIAN: Final = np.dtype(
+PEDESTRIAN: Final = _record(
     [
         ("state", "i8"),  # WAITING, CROSSING, GONE
         ("s", "f8"),
@@ -86,7 +96,7 @@ class Fault(enum.IntEnum):
     PEDESTRIAN = 4
 
 
-EPISODE: Final = np.dtype(
+EPISODE: Final = _record(
     [
         ("episode", "i8"),  # number in its stream of scenarios; replays the episode
         ("steps", "i8"),  # simulation steps of 0.1 s
@@ -110,6 +120,8 @@ EPISODE: Final = np.dtype(
         ("jerk_sum", "f8"),  # sum of |change of acceleration| / 0.1 s [m/s3]
         ("lane_changes", "i8"),  # times the nearest lane changed
         ("tracking_error_max", "f8"),  # |planned - actual lateral position| [m]
+        ("world", "i8"),  # that it ran in; set when it ends
+        ("end_step", "i8"),  # simulation steps of all worlds together when it ended; set when it ends
     ]
 )
 

@@ -84,11 +84,7 @@ def private_imports(root: Path) -> list[str]:
             if trespass:
                 found.append(f"{where}:{line} imports {target}")
         for node in ast.walk(tree):
-            if (
-                isinstance(node, ast.Attribute)
-                and is_private(node.attr)
-                and ast.unparse(node.value) in modules
-            ):
+            if isinstance(node, ast.Attribute) and is_private(node.attr) and ast.unparse(node.value) in modules:
                 found.append(f"{where}:{node.lineno} uses {ast.unparse(node)}")
     return found
 

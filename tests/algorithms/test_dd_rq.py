@@ -18,10 +18,9 @@ from envs.scenario import get_scenario
 class Model:
     """A risk model that says what it is told."""
 
-    description = {"value_mean": 1.7, "value_quantiles": [0.5, 4.0]}
-
     def __init__(self, value):
         self.value = value
+        self.description = {"value_mean": 1.7, "value_quantiles": [0.5, 4.0]}
 
     def __call__(self, observations):
         n = len(observations)

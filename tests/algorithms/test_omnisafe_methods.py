@@ -44,7 +44,7 @@ def test_a_plan_spends_the_budget_to_the_decision(decisions, longest, worlds, ep
     [
         (20_000, 10, (10, 10, 200, 0)),
         (200_000, 10, (10, 100, 200, 0)),
-        (100_003, 10, (1, 50, 2000, 3)),  # a prime: one world
+        (100_003, 10, (1, 42, 2381, 1)),  # a prime: one world, and the update misses one decision
         (1_000, 10, (5, 1, 200, 0)),
     ],
 )
@@ -79,7 +79,7 @@ def test_progress_tells_of_every_epoch_and_no_mean_cost_is_nan():
     task = Task(get_scenario("a"), 0, budget, settings={"epoch_decisions": "1800"}, progress=lambda n, s: told.append((n, s)))
     get_method("trpo-lag").train(task)
     assert [steps for steps, _ in told] == [0, 10_000, 20_000, 30_000]
-    assert all(math.isfinite(scalars["episode_cost"]) for _, scalars in told[1:3])
+    assert all(math.isfinite(scalars["episode_cost"]) for _, scalars in told[1:])
     assert all(math.isfinite(scalars["multiplier"]) for _, scalars in told)
     assert {"return", "collision_rate", "speed_mps"} <= set(told[-1][1])
 

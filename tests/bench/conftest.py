@@ -12,7 +12,7 @@ import pytest
 from bench import schema, store
 from bench.spec import RunSpec
 from bench.store import Store
-from envs.driving_env import FINISHED
+from envs.world import EPISODE
 from envs.world import Ending, Fault
 
 FAKE_METHODS = """
@@ -155,7 +155,7 @@ def make_record(make_spec: Callable[..., RunSpec]) -> Callable[..., Path]:
 def drawn_episodes(count: int, collisions: int, seed: int) -> np.ndarray:
     """So many episodes of 100 to 900 steps; the first ones end in a side collision, the rest at the goal."""
     rng = np.random.default_rng(seed)
-    episodes = np.zeros(count, FINISHED)
+    episodes = np.zeros(count, EPISODE)
     episodes["episode"] = np.arange(count)
     episodes["steps"] = rng.integers(100, 901, count)
     episodes["ending"] = np.where(np.arange(count) < collisions, Ending.COLLISION, Ending.GOAL)

@@ -20,7 +20,7 @@ from bench.lock import LOCK_NAME, SILENT_S, RunLock
 from bench.records import collect, read_record
 from bench.spec import RunSpec
 from bench.store import Failure, State, Store
-from envs.driving_env import FINISHED
+from envs.world import EPISODE
 
 Make = Callable[..., RunSpec]
 MakeRecord = Callable[..., Path]
@@ -108,19 +108,19 @@ def test_a_failure_before_anything_was_written_is_still_a_readable_row(tmp_path:
 
 def test_episodes_survive_the_round_trip() -> None:
     rng = np.random.default_rng(0)
-    episodes = np.zeros(30, FINISHED)
-    for name in FINISHED.names or ():
+    episodes = np.zeros(30, EPISODE)
+    for name in EPISODE.names or ():
         episodes[name] = rng.integers(0, 5, 30)
     episodes["ttc_min"][3] = np.inf
     episodes["end_step"] = 5_000_000
     table = schema.from_bytes(schema.to_bytes(schema.episodes_table(episodes)), schema.EPISODES, "here")
-    assert table.column_names == list(FINISHED.names or ())
+    assert table.column_names == list(EPISODE.names or ())
     for name in table.column_names:
         np.testing.assert_array_equal(schema.column(table, name), episodes[name])
 
 
 def test_a_count_that_does_not_fit_is_an_error_not_a_wrong_number() -> None:
-    episodes = np.zeros(1, FINISHED)
+    episodes = np.zeros(1, EPISODE)
     episodes["steps"] = 40_000
     with pytest.raises(pa.ArrowInvalid):
         schema.episodes_table(episodes)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.engine import observe
-from envs.observation import OBSERVATION_SIZE, decode, observation_bounds
+from envs.observation import OBSERVATION_SIZE, decode, observation_bounds, write_observation
 from envs.world import CROSSING, GONE, WAITING, World
 from tests.envs.small_worlds import one_world
 
@@ -16,9 +15,10 @@ pytestmark = pytest.mark.kernels
 
 
 def state(world: World) -> np.ndarray:
-    out = np.full((1, OBSERVATION_SIZE), np.nan, np.float32)
-    observe(world.ego, world.vehicles, world.pedestrians, out)
-    return out[0]
+    row = np.full(OBSERVATION_SIZE, np.nan, np.float32)
+    slots, keys = np.empty(8, np.int64), np.empty(8)
+    write_observation(world.ego, world.vehicles, world.pedestrians, 0, row, slots, keys)
+    return row
 
 
 def test_the_state_vector_by_hand() -> None:

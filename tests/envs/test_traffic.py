@@ -18,7 +18,7 @@ from envs.traffic import (
     judged_acceleration,
     lane_steering,
     move,
-    neighbours,
+    neighbour,
     not_zero,
 )
 from envs.world import CROSSING, GONE, WAITING, World
@@ -100,26 +100,27 @@ def test_neighbours_are_the_nearest_present_bodies_of_the_lane() -> None:
     w = (world.ego, world.vehicles, world.pedestrians)
     ego, vehicle = 0, 1
     crossing = 1 + 5 + 1
-    assert neighbours(*w, 0, ego, 1) == (crossing, 5)
-    assert neighbours(*w, 0, ego, 2) == (2, NOBODY)
-    assert neighbours(*w, 0, vehicle, 1) == (4, crossing)
-    assert neighbours(*w, 0, 5, 1) == (ego, NOBODY)
-    assert neighbours(*w, 0, vehicle, 2) == (4, 2)
+    assert [neighbour(*w, 0, ego, 1, ahead) for ahead in (True, False)] == [crossing, 5]
+    assert [neighbour(*w, 0, ego, 2, ahead) for ahead in (True, False)] == [2, NOBODY]
+    assert [neighbour(*w, 0, vehicle, 1, ahead) for ahead in (True, False)] == [4, crossing]
+    assert [neighbour(*w, 0, 5, 1, ahead) for ahead in (True, False)] == [ego, NOBODY]
+    assert [neighbour(*w, 0, vehicle, 2, ahead) for ahead in (True, False)] == [4, 2]
 
 
 @kernels
 @pytest.mark.parametrize(("d", "seen"), [(2.75, True), (2.7500001, False), (-2.75, True), (-2.7500001, False)])
 def test_a_body_counts_on_a_lane_up_to_a_metre_beyond_its_edge(d: float, seen: bool) -> None:
     world = one_world({"s": 0.0}, [{"s": 30.0, "d": d}])
-    ahead, _ = neighbours(world.ego, world.vehicles, world.pedestrians, 0, 0, 1)
+    ahead = neighbour(world.ego, world.vehicles, world.pedestrians, 0, 0, 1, True)
     assert (ahead == 1) is seen
 
 
 @kernels
 def test_a_body_at_the_same_position_is_ahead() -> None:
     world = one_world({"s": 5.0}, [{"s": 5.0}])
-    assert neighbours(world.ego, world.vehicles, world.pedestrians, 0, 0, 1) == (1, NOBODY)
-    assert neighbours(world.ego, world.vehicles, world.pedestrians, 0, 1, 1) == (0, NOBODY)
+    w = (world.ego, world.vehicles, world.pedestrians)
+    assert [neighbour(*w, 0, 0, 1, ahead) for ahead in (True, False)] == [1, NOBODY]
+    assert [neighbour(*w, 0, 1, 1, ahead) for ahead in (True, False)] == [0, NOBODY]
 
 
 def follow(world: World, k: int, leader: int) -> float:
