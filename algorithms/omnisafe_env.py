@@ -48,7 +48,9 @@ class VectorCMDP:
     def set_seed(self, seed: int) -> None:
         """Nothing: the vector environment has random streams of its own."""
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[torch.Tensor, dict[str, Any]]:
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[torch.Tensor, dict[str, Any]]:
         """Begin the first episodes, or, at the start of a later epoch, go on with those that run."""
         if self._observations is None:
             self._observations, _ = self.vector.reset()

@@ -12,14 +12,14 @@ from algorithms.networks import Architecture, NetworkPolicy
 from algorithms.omnisafe_library import algorithm_defaults, require_omnisafe
 from algorithms.omnisafe_settings import (
     ACTIVATION,
-    ACTOR_LAYERS,
-    GAMMA_PER_STEP,
     SETTING_NAMES,
     configuration,
+    plan,
     settings_of,
 )
-from algorithms.omnisafe_training import plan, train_actor
-from algorithms.sac import training_scalars
+from algorithms.omnisafe_training import train_actor
+from algorithms.sac import ACTOR_LAYERS, GAMMA_PER_STEP, training_scalars
+from envs.driving_env import action_space
 from envs.observation import OBSERVATION_SIZE
 from envs.scenario import STEP_S, TIME_LIMIT_S, Scenario, UnknownNameError
 
@@ -27,7 +27,7 @@ ALGORITHMS: Final = (
     "CPO", "CPPOPID", "CUP", "FOCOPS", "IPO", "NaturalPG", "OnCRPO", "P3O", "PCPO", "PDO", "PPO", "PPOLag",
     "PolicyGradient", "RCPO", "TRPO", "TRPOLag", "TRPOPID",
 )  # fmt: skip
-"""OmniSafe's on-policy algorithms but for Saute, Simmer and EarlyTerminated ones, which change observation or episode."""
+"""OmniSafe's on-policy algorithms but for Saute, Simmer and EarlyTerminated: those change observation or episode."""
 
 
 def longest_episode(scenario: Scenario) -> int:
@@ -43,28 +43,23 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
         ValueError: The budget is shorter than the longest episode, or a setting is malformed.
     """
     settings = settings_of(algorithm).with_changes(task.settings)
-    defaults = algorithm_defaults(algorithm)
-    schedule = plan(
-        task.budget.decisions(task.scenario),
-        longest_episode(task.scenario),
-        settings.worlds,
-        settings.epoch_decisions,
+    chosen = plan(task.budget.decisions(task.scenario), longest_episode(task.scenario), settings)
+    custom = configuration(
+        algorithm_defaults(algorithm),
+        settings,
+        chosen,
+        cost_limit=task.cost_limit,
+        gamma=GAMMA_PER_STEP**task.scenario.substeps,
+        seed=task.torch_seed(),
     )
-    env = task.make_env(schedule.worlds)
+    env = task.make_env(chosen.worlds)
 
     def progress(scalars: Mapping[str, float]) -> None:
         task.progress(env.steps_done, {**training_scalars(env), **scalars})
 
-    trained = train_actor(
-        algorithm,
-        env,
-        schedule,
-        configuration(defaults, settings, task.cost_limit, GAMMA_PER_STEP**task.scenario.substeps),
-        task.torch_seed(),
-        progress,
-    )
+    trained = train_actor(algorithm, env, custom, chosen.rest, progress)
     architecture = Architecture(
-        (OBSERVATION_SIZE, *ACTOR_LAYERS, len(env.single_action_space.low)), ACTIVATION, squashed=False
+        (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
     )
     return NetworkPolicy(architecture, trained)
 

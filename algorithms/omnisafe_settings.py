@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Final
 
-GAMMA_PER_STEP: Final = 0.99
-"""Discount per 0.1 s of reward and cost (paper, appendix); per decision it is raised to the number of steps."""
-ACTOR_LAYERS: Final = (256,) * 4
-CRITIC_LAYERS: Final = (256,) * 3
-"""Hidden layers, as for the other methods (paper, appendix)."""
+from algorithms.sac import ACTOR_LAYERS, CRITIC_LAYERS
+
 ACTIVATION: Final = "relu"
-"""OmniSafe's tanh costs twenty times as much time per entry on a CPU and learnt no better."""
+"""As for the other methods; OmniSafe's tanh takes twenty times as long on a CPU."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,14 +20,17 @@ class OmniSafeSettings:
 
     Attributes:
         worlds: Worlds stepped together, at most; the largest number that divides the budget is taken.
-        epoch_decisions: Decisions between two updates, over all worlds; more where the longest episode needs it.
+        epoch_decisions: Decisions between two updates, over all worlds; fewer where the budget is small, more where
+            the longest episode needs it.
+        least_epochs: A small budget is cut into so many epochs, as far as the longest episode allows.
         batch: Mini-batch of the critics, and of the actor in first-order algorithms.
         iterations: Passes over an epoch's decisions.
         critic_learning_rate: Adam's, of both critics.
         actor_learning_rate: Adam's; first-order algorithms only.
         critic_decay: Weight of the squared weights in the critics' loss; OmniSafe's 0.001 outweighs a rare cost of 1.
         kl_limit: Trust region of second-order algorithms; early stop of first-order ones.
-        fisher_every: Fisher products use every k-th decision; the line search still measures KL on all of them.
+        fisher_decisions: Decisions of an epoch, evenly spaced, that Fisher products use; the line search still
+            measures KL on all of them.
         fisher_iterations: Conjugate-gradient iterations.
         multiplier: Lagrange multiplier at the start.
         multiplier_learning_rate: Adam's, of the multiplier, one step per epoch.
@@ -40,22 +41,23 @@ class OmniSafeSettings:
         gae: Decay of advantage estimates of reward and cost.
     """
 
-    worlds: int = 10
-    epoch_decisions: int = 2000
+    worlds: int = 20
+    epoch_decisions: int = 4000
+    least_epochs: int = 10
     batch: int = 500
     iterations: int = 3
     critic_learning_rate: float = 1e-3
     actor_learning_rate: float = 3e-4
     critic_decay: float = 0.0
     kl_limit: float = 0.01
-    fisher_every: int = 20
+    fisher_decisions: int = 100
     fisher_iterations: int = 10
     multiplier: float = 0.001
     multiplier_learning_rate: float = 0.035
     multiplier_max: float = 2.0
     temperature: float = 1.5
-    noise_first: float = 0.0
-    noise_last: float = 0.0
+    noise_first: float = 0.5
+    noise_last: float = 0.2
     gae: float = 0.95
 
     def __post_init__(self) -> None:
@@ -75,7 +77,7 @@ class OmniSafeSettings:
         parsed: dict[str, Any] = {}
         for item in fields(self):
             if item.name in changes:
-                kind = type(item.default)
+                kind: type[Any] = type(getattr(self, item.name))
                 try:
                     parsed[item.name] = kind(changes[item.name])
                 except ValueError:
@@ -93,8 +95,58 @@ def settings_of(algorithm: str) -> OmniSafeSettings:
     return _TUNED.get(algorithm, OmniSafeSettings())
 
 
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """How a budget is spent: epochs x steps x worlds decisions, and a rest that no update can use.
+
+    Attributes:
+        worlds: Worlds stepped together.
+        epochs: Roll-outs, each followed by an update.
+        steps: Decisions of each world in an epoch, not fewer than the longest episode: each epoch then sees an
+            episode end, and its mean cost is a number.
+        rest: Decisions of each world after the last update.
+    """
+
+    worlds: int
+    epochs: int
+    steps: int
+    rest: int
+
+
+def plan(decisions: int, longest_episode: int, settings: OmniSafeSettings) -> Schedule:
+    """Spend a budget exactly, with epochs near the wanted size.
+
+    Args:
+        decisions: The budget.
+        longest_episode: Decisions until an episode ends at the latest.
+        settings: Wanted worlds and epochs.
+
+    Raises:
+        ValueError: The budget is shorter than the longest episode.
+    """
+    if decisions < longest_episode:
+        raise ValueError(
+            f"A budget of {decisions} decisions is too small: on-policy training needs at least the longest "
+            f"episode, {longest_episode} decisions."
+        )
+    size = min(settings.epoch_decisions, decisions // settings.least_epochs)
+    fitting = (n for n in range(1, settings.worlds + 1) if decisions % n == 0 and n * longest_episode <= size)
+    worlds = max(fitting, default=1)
+    each = decisions // worlds
+    wanted = max(1, round(each / max(size // worlds, longest_episode)))
+    most = min(each // longest_episode, math.ceil(1.25 * wanted))
+    epochs = min(range(max(1, math.floor(0.75 * wanted)), most + 1), key=lambda n: (each % n, abs(n - wanted)))
+    return Schedule(worlds, epochs, each // epochs, each % epochs)
+
+
 def configuration(
-    algorithm_defaults: Mapping[str, Any], settings: OmniSafeSettings, cost_limit: float, gamma: float
+    algorithm_defaults: Mapping[str, Any],
+    settings: OmniSafeSettings,
+    schedule: Schedule,
+    *,
+    cost_limit: float,
+    gamma: float,
+    seed: int,
 ) -> dict[str, Any]:
     """OmniSafe's custom configuration: our values for those keys that the algorithm has.
 
@@ -104,13 +156,26 @@ def configuration(
     Args:
         algorithm_defaults: Sections of the algorithm's own configuration.
         settings: Ours.
+        schedule: Worlds and epochs.
         cost_limit: Bound on the undiscounted episode cost.
         gamma: Discount per decision, of reward and cost.
+        seed: For networks and exploration, 32 bits.
     """
+    size = schedule.worlds * schedule.steps
     wanted: dict[str, dict[str, Any]] = {
-        "train_cfgs": {"device": "cpu", "torch_threads": 1, "parallel": 1},
+        "train_cfgs": {
+            "device": "cpu",
+            "torch_threads": 1,
+            "parallel": 1,
+            "vector_env_nums": schedule.worlds,
+            "total_steps": schedule.epochs * size,
+        },
         "logger_cfgs": {"use_wandb": False, "use_tensorboard": False, "save_model_freq": 10**9},
-        "algo_cfgs": _algorithm_section(settings, cost_limit, gamma),
+        "algo_cfgs": {
+            **_algorithm_section(settings, cost_limit, gamma),
+            "steps_per_epoch": size,
+            "fvp_sample_freq": max(1, size // settings.fisher_decisions),
+        },
         "lagrange_cfgs": {
             "cost_limit": cost_limit,
             "lagrangian_multiplier_init": settings.multiplier,
@@ -124,7 +189,8 @@ def configuration(
             "critic": _network(CRITIC_LAYERS, settings.critic_learning_rate),
         },
     }
-    return {key: _known(wanted[key], section) for key, section in algorithm_defaults.items() if key in wanted}
+    known = {key: _known(wanted[key], section) for key, section in algorithm_defaults.items() if key in wanted}
+    return {"seed": seed, **known}
 
 
 def _algorithm_section(settings: OmniSafeSettings, cost_limit: float, gamma: float) -> dict[str, Any]:
@@ -144,7 +210,6 @@ def _algorithm_section(settings: OmniSafeSettings, cost_limit: float, gamma: flo
         "lam": settings.gae,
         "lam_c": settings.gae,
         "cg_iters": settings.fisher_iterations,
-        "fvp_sample_freq": settings.fisher_every,
         "cost_limit": cost_limit,
         "distance": 0.0,  # OnCRPO's tolerance; its 2.0 could never bind on a cost of at most 1
     }

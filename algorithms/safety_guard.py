@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -19,10 +20,12 @@ from envs.geometry import (
     lane_centre,
     nearest_lane,
 )
-from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S
+from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S, feasible_horizon
 from envs.reward import SAFE_HEADWAY_S
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
+GUARD_VERSION: Final = 2
+"""Raised by every change that alters what the guard does."""
 LATERAL_MARGIN_M: Final = 0.3
 """Kept on either side of the swept corridor."""
 CROSSING_MARGIN_S: Final = 0.3
@@ -31,6 +34,10 @@ K2: Final = 0.92
 B2: Final = 0.02
 """Linear(IR) = k2 IR + b2 (paper, appendix)."""
 SAME_TARGET_M: Final = 1e-9
+TOWARDS_M: Final = 0.01
+"""A lateral motion below this leads nowhere."""
+STILL_M: Final = 0.1
+"""Lateral rate and acceleration that carry the ego less far than this within the horizon are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +50,9 @@ class GuardOptions:
         literal_selection: The printed max over preceding objects, which picks the least binding one.
         literal_longitudinal: The printed a_x = a_pre also where a_x was too low.
         reserve: Correction: limits also keep a braking reserve (`stopping_bound`, `follower_can_brake`).
+        hold: Correction: where the way to the lane's centre is blocked, too, the last executed target stays.
+        turned_body: Correction: the corridor holds the turned body, whose corners stand out.
+        excursion: Correction: the corridor holds the way that the present lateral motion leads before it ends.
     """
 
     literal_all_lanes: bool = False
@@ -50,6 +60,82 @@ class GuardOptions:
     literal_selection: bool = False
     literal_longitudinal: bool = False
     reserve: bool = True
+    hold: bool = True
+    turned_body: bool = True
+    excursion: bool = True
+
+
+class Switches(NamedTuple):
+    """`GuardOptions` as compiled code takes them, in the same order."""
+
+    all_lanes: bool
+    followers: bool
+    least_binding: bool
+    printed_longitudinal: bool
+    reserve: bool
+    hold: bool
+    turned_body: bool
+    excursion: bool
+
+
+class Corridor(NamedTuple):
+    """What the ego sweeps on its way to a lateral target, and how it moves along [m, m/s]."""
+
+    low: float
+    high: float
+    own_low: float
+    own_high: float
+    left: bool
+    right: bool
+    speed: float
+
+
+def lateral_response(samples: int) -> FloatArray:
+    """Lateral deviation from the target as time goes on, per unit of what it is now.
+
+    The plan is made anew at every step over its full horizon T, so that the quintic's first jerk,
+    -(60 x + 36 v T + 9 a T^2) / T^3, acts as a linear feedback on x, v T and a T^2.
+
+    Returns:
+        Factors of x, v T and a T^2 at the times T k / samples, k = 1 to samples; shape (samples, 3).
+    """
+    system = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-60.0, -36.0, -9.0]])
+    values, vectors = np.linalg.eig(system)
+    inverse = np.linalg.inv(vectors)
+    times = np.arange(1, samples + 1) / samples
+    return np.ascontiguousarray(np.real((vectors[0] * np.exp(np.outer(times, values))) @ inverse))
+
+
+RESPONSE: Final = lateral_response(8)
+
+
+@njit
+def lateral_extent(e: Any, target: float, horizon: float) -> tuple[float, float]:
+    """Least and greatest lateral position of the ego's centre on the way to a target [m]."""
+    low, high = min(e.d, target), max(e.d, target)
+    t = feasible_horizon(target - e.reference_d, horizon)
+    x, v, a = e.reference_d - target, e.reference_speed * t, e.reference_acceleration * t * t
+    if abs(v) + abs(a) > STILL_M:
+        for k in range(RESPONSE.shape[0]):
+            d = target + RESPONSE[k, 0] * x + RESPONSE[k, 1] * v + RESPONSE[k, 2] * a
+            low, high = min(low, d), max(high, d)
+    return low, high
+
+
+@njit
+def corridor(e: Any, target: float, horizon: float, o: Switches) -> Corridor:
+    """Corridor of an ego to a lateral target [m] under a planning horizon [s], a margin on both sides."""
+    low, high = min(e.d, target), max(e.d, target)
+    if o.excursion:
+        low, high = lateral_extent(e, target, horizon)
+    own = 0.5 * VEHICLE_WIDTH_M + LATERAL_MARGIN_M
+    half, sine, cosine = own, math.sin(e.heading), math.cos(e.heading)
+    if o.turned_body:
+        half = 0.5 * (VEHICLE_WIDTH_M * cosine + VEHICLE_LENGTH_M * abs(sine)) + LATERAL_MARGIN_M
+    return Corridor(
+        low - half, high + half, e.d - own, e.d + own, high > e.d + TOWARDS_M, low < e.d - TOWARDS_M,
+        e.speed * cosine,
+    )  # fmt: skip
 
 
 @njit
@@ -66,112 +152,140 @@ def pedestrian_counts(
     """Whether a pedestrian ahead will not surely have left the strip when the ego can arrive at the earliest.
 
     Args:
-        gap: Bumper gap ahead, > 0 [m].
+        gap: Bumper gap ahead, >= 0 [m].
         d: Pedestrian's lateral position [m].
-        walking: Signed lateral speed [m/s].
+        walking: Signed lateral speed, 0 for one who stands [m/s].
         low: Right edge of the strip swept by the ego [m].
         high: Left edge [m].
         speed: Ego speed [m/s].
     """
     half = 0.5 * PEDESTRIAN_SIZE_M
+    if walking == 0.0:
+        return d - half < high and d + half > low
     way = (high + half - d) if walking > 0.0 else (d - low + half)
     if way <= 0.0:
         return False
-    leaves = way / max(abs(walking), 1e-6) + CROSSING_MARGIN_S
+    leaves = way / abs(walking) + CROSSING_MARGIN_S
     b = ACCELERATION_MAX_MPS2
     arrives = (math.sqrt(speed * speed + 2.0 * b * gap) - speed) / b
     return leaves > arrives
 
 
 @njit
+def _vehicle_limits(
+    e: Any, v: Any, c: Corridor, horizon: float, o: Switches
+) -> tuple[float, float, float]:
+    """SCA of a car as preceding and as following object, and its stopping bound; inf, -inf, inf if it does not count."""
+    drift, other = 0.0, v.speed
+    if v.heading != 0.0:
+        drift, other = v.speed * math.sin(v.heading) * HORIZON_S, v.speed * math.cos(v.heading)
+    if not (o.all_lanes or _overlaps(c.low, c.high, v.d, drift, VEHICLE_WIDTH_M)):
+        return math.inf, -math.inf, math.inf
+    ds = v.s - e.s
+    gap = bumper_gap(ds, VEHICLE_LENGTH_M)
+    if gap <= 0.0:
+        # By driving on, nobody runs into a body beside his rear half: only by moving towards it.
+        towards = c.left if v.d > e.d else c.right
+        return (math.inf if ds < 0.0 and not (towards or o.all_lanes) else -math.inf), -math.inf, math.inf
+    safe = SAFE_HEADWAY_S * c.speed
+    if ds > 0.0:
+        bound = stopping_bound(gap, e.speed, other) if o.reserve else math.inf
+        return sca(gap, safe, other - c.speed, horizon), -math.inf, bound
+    own = _overlaps(c.own_low, c.own_high, v.d, 0.0, VEHICLE_WIDTH_M)
+    if own and not o.followers:
+        return math.inf, -math.inf, math.inf
+    if o.reserve and not own and not follower_can_brake(gap, c.speed, other):
+        return math.inf, math.inf, math.inf
+    return math.inf, sca(-gap, safe, other - c.speed, horizon), math.inf
+
+
+@njit
+def _pedestrian_limits(e: Any, p: Any, c: Corridor, horizon: float, o: Switches) -> tuple[float, float]:
+    """SCA and stopping bound of a pedestrian ahead or alongside; inf where he does not count."""
+    ds = p.s - e.s
+    gap = bumper_gap(ds, PEDESTRIAN_SIZE_M)
+    if p.state != CROSSING or (ds <= 0.0 and gap > 0.0):
+        return math.inf, math.inf
+    if not o.all_lanes and not pedestrian_counts(max(gap, 0.0), p.d, p.lateral_speed, c.low, c.high, e.speed):
+        return math.inf, math.inf
+    if gap <= 0.0:
+        towards = c.left if p.d > e.d else c.right
+        return (math.inf if ds <= 0.0 and not towards else -math.inf), math.inf
+    bound = stopping_bound(gap, e.speed, 0.0) if o.reserve else math.inf
+    return sca(gap, SAFE_HEADWAY_S * c.speed, -c.speed, horizon), bound
+
+
+@njit
 def _limits(
     ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, horizon: float,
-    importance: FloatArray, all_lanes: bool, followers: bool, pick_max: bool, reserve: bool,
+    importance: FloatArray, o: Switches,
 ) -> tuple[float, float]:  # fmt: skip
-    """Safe critical accelerations (a_pre, a_follow) of the corridor to a target; +inf and -inf where it is empty."""
+    """Safe critical accelerations (a_pre, a_follow) on the way to a target; inf and -inf where it is empty."""
     e = ego[i]
-    speed = e.speed * math.cos(e.heading)
-    safe = SAFE_HEADWAY_S * speed
-    half = 0.5 * VEHICLE_WIDTH_M + LATERAL_MARGIN_M
-    low, high = min(e.d, target) - half, max(e.d, target) + half
-    pre, pre_key = math.inf, -math.inf if pick_max else math.inf
+    c = corridor(e, target, max(horizon, HORIZON_S), o)
+    sign = -1.0 if o.least_binding else 1.0
+    pre, pre_key, reserve = math.inf, math.inf, math.inf
     follow, follow_key = -math.inf, -math.inf
-    for j in range(vehicles.shape[1]):
-        v = vehicles[i, j]
-        if v.present == 0:
+    count = vehicles.shape[1]
+    for j in range(count + pedestrians.shape[1]):
+        back = -math.inf
+        if j >= count:
+            a, bound = _pedestrian_limits(e, pedestrians[i, j - count], c, horizon, o)
+        elif vehicles[i, j].present == 0:
             continue
-        drift = v.speed * math.sin(v.heading) * HORIZON_S
-        if not (all_lanes or _overlaps(low, high, v.d, drift, VEHICLE_WIDTH_M)):
-            continue
-        ds = v.s - e.s
-        other = v.speed * math.cos(v.heading)
-        gap = bumper_gap(ds, VEHICLE_LENGTH_M)
-        weight = K2 * importance[i, j] + B2
-        if gap <= 0.0 or ds > 0.0:
-            # A body in the same lane that has been passed cannot be run into: only one alongside can.
-            if gap <= 0.0 and ds < 0.0 and _overlaps(e.d - half, e.d + half, v.d, 0.0, VEHICLE_WIDTH_M):
-                continue
-            a = -math.inf if gap <= 0.0 else sca(gap, safe, other - speed, horizon)
-            if reserve and gap > 0.0:
-                a = min(a, stopping_bound(gap, speed, other))
-            key = a + weight if pick_max else a - weight
-            if (key > pre_key) if pick_max else (key < pre_key or a == -math.inf):
-                pre, pre_key = a, key
         else:
-            own = _overlaps(e.d - half, e.d + half, v.d, 0.0, VEHICLE_WIDTH_M)
-            if own and not followers:
-                continue
-            a = sca(-gap, safe, other - speed, horizon)
-            if reserve and not own and not follower_can_brake(gap, speed, other):
-                a = math.inf
-            if a + weight > follow_key:
-                follow, follow_key = a, a + weight
-    for j in range(pedestrians.shape[1]):
-        p = pedestrians[i, j]
-        if p.state != CROSSING or p.s <= e.s:
-            continue
-        gap = bumper_gap(p.s - e.s, PEDESTRIAN_SIZE_M)
-        if not all_lanes and not pedestrian_counts(max(gap, 0.0), p.d, p.lateral_speed, low, high, speed):
-            continue
-        a = -math.inf if gap <= 0.0 else sca(gap, safe, -speed, horizon)
-        if reserve and gap > 0.0:
-            a = min(a, stopping_bound(gap, speed, 0.0))
-        weight = K2 * importance[i, vehicles.shape[1] + j] + B2
-        key = a + weight if pick_max else a - weight
-        if (key > pre_key) if pick_max else (key < pre_key or a == -math.inf):
-            pre, pre_key = a, key
-    return pre, follow
+            a, back, bound = _vehicle_limits(e, vehicles[i, j], c, horizon, o)
+        reserve = min(reserve, bound)
+        weight = K2 * importance[i, j] + B2
+        # The binding object has the least a - Linear(IR); the paper prints the greatest a + Linear(IR).
+        if a < math.inf and sign * a - weight < pre_key:
+            pre, pre_key = a, sign * a - weight
+        if back + weight > follow_key:
+            follow, follow_key = back, back + weight
+    return min(pre, reserve), follow
+
+
+@njit
+def _conflict(pre: float, follow: float) -> bool:
+    """Whether no acceleration that the ego has keeps both limits."""
+    return pre < follow or pre < ACCELERATION_MIN_MPS2 or follow > ACCELERATION_MAX_MPS2
+
+
+@njit
+def _guard_world(
+    ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, command: float,
+    horizon: float, importance: FloatArray, o: Switches,
+) -> tuple[float, float, bool, float, float]:  # fmt: skip
+    """Alg. 2 for world i: target, acceleration, whether it intervened, a_pre, a_follow."""
+    pre, follow = _limits(ego, vehicles, pedestrians, i, target, horizon, importance, o)
+    flagged = _conflict(pre, follow)
+    if flagged:
+        centre, kept = lane_centre(nearest_lane(ego[i].d)), ego[i].target_d
+        if abs(centre - target) > SAME_TARGET_M:
+            target = centre
+            pre, follow = _limits(ego, vehicles, pedestrians, i, target, horizon, importance, o)
+        if o.hold and _conflict(pre, follow) and abs(kept - target) > SAME_TARGET_M:
+            kept_pre, kept_follow = _limits(ego, vehicles, pedestrians, i, kept, horizon, importance, o)
+            if kept_pre > pre or not _conflict(kept_pre, kept_follow):
+                target, pre, follow = kept, kept_pre, kept_follow
+    if not follow <= command <= pre:
+        flagged = True
+        command = pre if o.printed_longitudinal else min(max(command, follow), pre)
+    command = min(max(command, ACCELERATION_MIN_MPS2), ACCELERATION_MAX_MPS2)
+    return target, command, flagged, pre, follow
 
 
 @njit
 def guard_kernel(
     ego: Records, vehicles: Records, pedestrians: Records, targets: FloatArray, accelerations: FloatArray,
-    horizons: FloatArray, importance: FloatArray, all_lanes: bool, followers: bool, pick_max: bool,
-    literal_longitudinal: bool, reserve: bool,
+    horizons: FloatArray, importance: FloatArray, options: Switches,
     safe_targets: FloatArray, safe_accelerations: FloatArray, intervened: BoolArray, limits: FloatArray,
 ) -> None:  # fmt: skip
     """Alg. 2 for every world; the last four arrays are written, limits (N, 2) with a_pre and a_follow."""
     for i in range(ego.shape[0]):
-        target, command, flagged = targets[i], accelerations[i], False
-        pre, follow = _limits(
-            ego, vehicles, pedestrians, i, target, horizons[i], importance, all_lanes, followers, pick_max, reserve
+        safe_targets[i], safe_accelerations[i], intervened[i], limits[i, 0], limits[i, 1] = _guard_world(
+            ego, vehicles, pedestrians, i, targets[i], accelerations[i], horizons[i], importance, options
         )
-        if pre < follow or pre < ACCELERATION_MIN_MPS2 or follow > ACCELERATION_MAX_MPS2:
-            flagged = True
-            centre = lane_centre(nearest_lane(ego[i].d))
-            if abs(centre - target) > SAME_TARGET_M:
-                target = centre
-                pre, follow = _limits(
-                    ego, vehicles, pedestrians, i, target, horizons[i], importance,
-                    all_lanes, followers, pick_max, reserve,
-                )  # fmt: skip
-        if not follow <= command <= pre:
-            flagged = True
-            command = pre if literal_longitudinal else min(max(command, follow), pre)
-        safe_targets[i] = target
-        safe_accelerations[i] = min(max(command, ACCELERATION_MIN_MPS2), ACCELERATION_MAX_MPS2)
-        intervened[i] = flagged
-        limits[i, 0], limits[i, 1] = pre, follow
 
 
 def require_horizon(tc: float) -> float:
@@ -190,6 +304,7 @@ class SafetyGuard:
 
     Attributes:
         tc: Adjustment time of each world, shape (N,) [s], or the fixed value.
+        options: Readings of Alg. 2.
         limits: a_pre and a_follow of the last call, shape (N, 2) [m/s2].
     """
 
@@ -198,6 +313,7 @@ class SafetyGuard:
         self.tc = require_horizon(tc)
         self.options = options or GuardOptions()
         self.limits = np.zeros((0, 2))
+        self._switches = Switches(*dataclasses.astuple(self.options))
 
     def begin(self, seed: np.random.SeedSequence) -> None:
         """A fixed guard draws no numbers."""
@@ -222,10 +338,8 @@ class SafetyGuard:
         safe_targets, safe_accelerations = np.empty(n), np.empty(n)
         intervened = np.empty(n, np.bool_)
         self.limits = np.empty((n, 2))
-        o = self.options
         guard_kernel(
             world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons,
-            self.importance(world), o.literal_all_lanes, o.literal_followers, o.literal_selection,
-            o.literal_longitudinal, o.reserve, safe_targets, safe_accelerations, intervened, self.limits,
+            self.importance(world), self._switches, safe_targets, safe_accelerations, intervened, self.limits,
         )  # fmt: skip
         return safe_targets, safe_accelerations, intervened, np.maximum(horizons, HORIZON_S)

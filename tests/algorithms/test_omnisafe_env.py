@@ -114,7 +114,8 @@ def test_another_autoreset_mode_is_refused():
 
 def process_state():
     return (
-        random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().numpy().tobytes(),
+        random.getstate(), np.random.get_state()[1].tobytes(),
+        torch.get_rng_state().numpy().tobytes(),
         torch.are_deterministic_algorithms_enabled(), torch.backends.cudnn.enabled, torch.get_num_threads(),
         {key: os.environ.get(key) for key in ("PYTHONHASHSEED", "CUBLAS_WORKSPACE_CONFIG", "OMNISAFE_DEVICE")},
     )  # fmt: skip
@@ -135,13 +136,17 @@ def test_a_training_leaves_the_process_as_it_was(capsys):
 
 def test_process_state_comes_back_after_an_error():
     before = process_state()
-    with pytest.raises(RuntimeError, match="stop"), process_state_kept():
+
+    def disturb():
         random.seed(1)
-        np.random.seed(1)  # noqa: NPY002
+        np.random.seed(1)
         torch.manual_seed(1)
         torch.use_deterministic_algorithms(True)
         os.environ["OMNISAFE_DEVICE"] = "cpu"
         raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError, match="stop"), process_state_kept():
+        disturb()
     assert process_state() == before
 
 

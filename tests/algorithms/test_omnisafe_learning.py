@@ -10,9 +10,9 @@ import torch
 
 from algorithms.omnisafe_env import known_to_omnisafe
 from algorithms.omnisafe_library import algorithm_defaults, close_logger, omnisafe_module, process_state_kept
-from algorithms.omnisafe_settings import configuration, settings_of
+from algorithms.omnisafe_settings import Schedule, configuration, settings_of
 from algorithms.omnisafe_speed import fast_loops
-from algorithms.omnisafe_training import Schedule, train_actor
+from algorithms.omnisafe_training import train_actor
 from tests.algorithms.omnisafe_toys import (
     BEST_CONSTRAINED,
     BEST_UNCONSTRAINED,
@@ -29,10 +29,12 @@ pytestmark = pytest.mark.skipif(
 MAIN = ("CPO", "FOCOPS", "TRPOLag")
 
 
-def toy_configuration(algorithm, cost_limit, **changes):
+def toy_configuration(algorithm, schedule, cost_limit=COST_LIMIT, seed=3, **changes):
     """Our settings, with networks of the toy's size."""
     settings = settings_of(algorithm).with_changes(changes)
-    chosen = configuration(algorithm_defaults(algorithm), settings, cost_limit, gamma=0.95)
+    chosen = configuration(
+        algorithm_defaults(algorithm), settings, schedule, cost_limit=cost_limit, gamma=0.95, seed=seed
+    )
     for part in ("actor", "critic"):
         chosen["model_cfgs"][part]["hidden_sizes"] = [32, 32]
     return chosen
@@ -60,27 +62,21 @@ def mean_push(network):
 )
 def test_the_constrained_optimum_is_reached(algorithm, cost_limit, multiplier, best):
     changes = {
-        "noise_first": "0.25", "noise_last": "0.25", "fisher_every": "2", "iterations": "3", "batch": "500",
+        "noise_first": "0.25", "noise_last": "0.25", "fisher_decisions": "500", "iterations": "3", "batch": "500",
         "multiplier": multiplier, "multiplier_learning_rate": "0.01", "multiplier_max": "100",
         "actor_learning_rate": "0.001", "kl_limit": "0.01",
     }  # fmt: skip
-    chosen = toy_configuration(algorithm, cost_limit, **changes)
-    network = train_actor(algorithm, Push(20, terminates=True), Schedule(20, 40, 50, 0), chosen, seed=3)
+    chosen = toy_configuration(algorithm, Schedule(20, 40, 50, 0), cost_limit, **changes)
+    network = train_actor(algorithm, Push(20, terminates=True), chosen)
     assert mean_push(network) == pytest.approx(best, abs=0.15)
 
 
-def trained_by_omnisafe_alone(algorithm, terminates, schedule, chosen, seed, folder):
+def trained_by_omnisafe_alone(algorithm, terminates, chosen, folder):
     """OmniSafe's own path: one world, its wrappers, its loops."""
     core = omnisafe_module("omnisafe.envs.core")
     cmdp = single_world_cmdp(core, terminates)
     core.env_register(cmdp)
-    own = {
-        **chosen,
-        "seed": seed,
-        "train_cfgs": {**chosen["train_cfgs"], "total_steps": schedule.epochs * schedule.steps},
-        "algo_cfgs": {**chosen["algo_cfgs"], "steps_per_epoch": schedule.steps},
-        "logger_cfgs": {**chosen["logger_cfgs"], "log_dir": str(folder)},
-    }
+    own = {**chosen, "logger_cfgs": {**chosen["logger_cfgs"], "log_dir": str(folder)}}
     try:
         with process_state_kept():
             trainer = omnisafe_module().Agent(algorithm, "Push-v0", custom_cfgs=own).agent
@@ -94,22 +90,21 @@ def trained_by_omnisafe_alone(algorithm, terminates, schedule, chosen, seed, fol
 @pytest.mark.parametrize("algorithm", MAIN)
 @pytest.mark.parametrize("terminates", [True, False], ids=["terminated", "truncated"])
 def test_one_world_gives_what_omnisafe_gives_alone_bit_for_bit(algorithm, terminates, tmp_path):
-    schedule = Schedule(worlds=1, epochs=3, steps=60 * HORIZON, rest=0)
-    chosen = toy_configuration(algorithm, COST_LIMIT, batch="100")
-    ours = train_actor(algorithm, Push(1, terminates), schedule, chosen, seed=7)
-    theirs = trained_by_omnisafe_alone(algorithm, terminates, schedule, chosen, 7, tmp_path)
-    untrained = train_actor(algorithm, Push(1, terminates), Schedule(1, 1, 300, 0), chosen, seed=8)
-    for own, other, wrong in zip(ours.parameters(), theirs.parameters(), untrained.parameters(), strict=True):
-        assert torch.equal(own, other)
-        assert not torch.equal(own, wrong)
+    def chosen(seed):
+        return toy_configuration(algorithm, Schedule(1, 3, 20 * HORIZON, 0), seed=seed, batch="50")
+
+    ours = train_actor(algorithm, Push(1, terminates), chosen(7))
+    theirs = trained_by_omnisafe_alone(algorithm, terminates, chosen(7), tmp_path)
+    other = train_actor(algorithm, Push(1, terminates), chosen(8))
+    weights = [torch.cat([p.flatten() for p in network.parameters()]) for network in (ours, theirs, other)]
+    assert torch.equal(weights[0], weights[1])
+    assert not torch.equal(weights[0], weights[2])
 
 
 def rolled_out(terminates, worlds, steps):
     """OmniSafe's buffer after one roll-out through the adapter, and the trainer that filled it."""
     vector = Push(worlds, terminates)
-    chosen = toy_configuration("CPO", COST_LIMIT)
-    chosen["train_cfgs"] |= {"vector_env_nums": worlds, "total_steps": worlds * steps}
-    chosen["algo_cfgs"] |= {"steps_per_epoch": worlds * steps}
+    chosen = toy_configuration("CPO", Schedule(worlds, 1, steps, 0))
     with contextlib.ExitStack() as stack:
         stack.enter_context(process_state_kept())
         stack.enter_context(fast_loops())

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from algorithms.method import Budget, Task, seed_sequence
 from algorithms.omnisafe_library import algorithm_defaults
 from algorithms.omnisafe_methods import ALGORITHMS, longest_episode
-from algorithms.omnisafe_settings import OmniSafeSettings, configuration, settings_of
-from algorithms.omnisafe_training import plan
+from algorithms.omnisafe_settings import OmniSafeSettings, Schedule, configuration, plan, settings_of
 from algorithms.registry import get_method
 from envs.observation import OBSERVATION_SIZE
 from envs.scenario import UnknownNameError, get_scenario
@@ -26,13 +25,14 @@ SECOND_ORDER_OR_PENALTY = {"CPO", "IPO", "OnCRPO", "P3O", "PCPO"}
 UNCONSTRAINED = {"NaturalPG", "PPO", "PolicyGradient", "TRPO"}
 
 
-@given(st.integers(1, 300_000), st.integers(1, 900), st.integers(1, 40), st.integers(1, 10_000))
-def test_a_plan_spends_the_budget_to_the_decision(decisions, longest, worlds, epoch_decisions):
+@given(st.integers(1, 300_000), st.integers(1, 900), st.integers(1, 40), st.integers(1, 10_000), st.integers(1, 30))
+def test_a_plan_spends_the_budget_to_the_decision(decisions, longest, worlds, epoch_decisions, least_epochs):
+    settings = OmniSafeSettings(worlds=worlds, epoch_decisions=epoch_decisions, least_epochs=least_epochs)
     if decisions < longest:
         with pytest.raises(ValueError, match=f"at least the longest episode, {longest} decisions"):
-            plan(decisions, longest, worlds, epoch_decisions)
+            plan(decisions, longest, settings)
         return
-    found = plan(decisions, longest, worlds, epoch_decisions)
+    found = plan(decisions, longest, settings)
     assert found.worlds * (found.epochs * found.steps + found.rest) == decisions
     assert found.worlds <= worlds
     assert found.steps >= longest
@@ -40,20 +40,23 @@ def test_a_plan_spends_the_budget_to_the_decision(decisions, longest, worlds, ep
 
 
 @pytest.mark.parametrize(
-    ("decisions", "worlds", "expected"),
+    ("decisions", "expected"),
     [
-        (20_000, 10, (10, 10, 200, 0)),
-        (200_000, 10, (10, 100, 200, 0)),
-        (100_003, 10, (1, 42, 2381, 1)),  # a prime: one world, and the update misses one decision
-        (1_000, 10, (5, 1, 200, 0)),
+        (20_000, (10, 10, 200, 0)),
+        (100_000, (20, 25, 200, 0)),
+        (200_000, (20, 50, 200, 0)),
+        (1_000, (1, 5, 200, 0)),
+        (100_003, (1, 21, 4762, 1)),  # a prime: one world, and the updates miss one decision
     ],
 )
-def test_plans_of_common_budgets(decisions, worlds, expected):
-    found = plan(decisions, 180, worlds, 2000)
+def test_plans_of_common_budgets(decisions, expected):
+    found = plan(decisions, 180, OmniSafeSettings())
     assert (found.worlds, found.epochs, found.steps, found.rest) == expected
 
 
-@pytest.mark.parametrize(("name", "decisions"), [("a", 180), ("a:decision_period_s=0.1", 900), ("b:decision_period_s=0.4", 225)])
+@pytest.mark.parametrize(
+    ("name", "decisions"), [("a", 180), ("a:decision_period_s=0.1", 900), ("b:decision_period_s=0.4", 225)]
+)
 def test_the_longest_episode_is_ninety_seconds(name, decisions):
     assert longest_episode(get_scenario(name)) == decisions
 
@@ -76,7 +79,9 @@ def test_a_budget_below_one_episode_is_refused():
 def test_progress_tells_of_every_epoch_and_no_mean_cost_is_nan():
     told = []
     budget = Budget(30_000)
-    task = Task(get_scenario("a"), 0, budget, settings={"epoch_decisions": "1800"}, progress=lambda n, s: told.append((n, s)))
+    task = Task(
+        get_scenario("a"), 0, budget, settings={"epoch_decisions": "1800"}, progress=lambda n, s: told.append((n, s))
+    )
     get_method("trpo-lag").train(task)
     assert [steps for steps, _ in told] == [0, 10_000, 20_000, 30_000]
     assert all(math.isfinite(scalars["episode_cost"]) for _, scalars in told[1:])
@@ -130,11 +135,19 @@ def test_algorithms_that_change_the_observation_are_refused(algorithm):
         get_method(f"omnisafe:algo={algorithm}")
 
 
+def chosen_for(algorithm, cost_limit):
+    schedule = Schedule(20, 25, 200, 0)
+    return configuration(
+        algorithm_defaults(algorithm), settings_of(algorithm), schedule, cost_limit=cost_limit, gamma=0.9, seed=0
+    )
+
+
 @needs_omnisafe
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_cost_limit_lands_where_the_algorithm_reads_it(algorithm):
-    chosen = configuration(algorithm_defaults(algorithm), settings_of(algorithm), cost_limit=0.0123, gamma=0.9)
-    holders = {section for section, values in chosen.items() if values.get("cost_limit") == 0.0123}
+    chosen = chosen_for(algorithm, cost_limit=0.0123)
+    holders = {name for name, section in chosen.items() if isinstance(section, dict) and "cost_limit" in section}
+    assert {chosen[name]["cost_limit"] for name in holders} <= {0.0123}
     wanted = {"lagrange_cfgs"} if algorithm in LAGRANGIAN else set()
     wanted |= {"algo_cfgs"} if algorithm in SECOND_ORDER_OR_PENALTY else set()
     assert holders == wanted
@@ -144,7 +157,7 @@ def test_the_cost_limit_lands_where_the_algorithm_reads_it(algorithm):
 @needs_omnisafe
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_what_users_trip_over_is_set(algorithm):
-    chosen = configuration(algorithm_defaults(algorithm), OmniSafeSettings(), cost_limit=0.05, gamma=0.9)
+    chosen = chosen_for(algorithm, cost_limit=0.05)
     section = chosen["algo_cfgs"]
     assert not section["obs_normalize"]
     assert not section["reward_normalize"]
@@ -153,7 +166,8 @@ def test_what_users_trip_over_is_set(algorithm):
     assert chosen["train_cfgs"]["torch_threads"] == 1
     assert chosen["model_cfgs"]["actor"]["hidden_sizes"] == [256] * 4
     assert chosen["model_cfgs"]["critic"]["hidden_sizes"] == [256] * 3
-    assert None not in [value for values in chosen.values() for value in values.values()]
+    sections = [section for section in chosen.values() if isinstance(section, dict)]
+    assert None not in [value for section in sections for value in section.values()]
 
 
 def test_settings_are_parsed_by_type_and_checked():

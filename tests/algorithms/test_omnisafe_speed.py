@@ -2,6 +2,7 @@
 
 import importlib.util
 
+import gymnasium
 import pytest
 import torch
 from hypothesis import given
@@ -46,8 +47,6 @@ def test_discounted_sums_are_omnisafes(values, discount):
 
 @needs_omnisafe
 def test_joined_storage_holds_and_gives_what_omnisafes_buffer_does():
-    import gymnasium
-
     box = gymnasium.spaces.Box(-1.0, 1.0, (3,))
     original = omnisafe_module("omnisafe.common.buffer").VectorOnPolicyBuffer
     arguments = {
@@ -77,8 +76,12 @@ def test_the_originals_are_back_afterwards():
     )]  # fmt: skip
     buffer = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
     before = [module.DataLoader for module in modules], buffer.discount_cumsum
-    with pytest.raises(RuntimeError, match="stop"), process_state_kept(), fast_loops():
+
+    def inside():
         assert all(module.DataLoader is ShuffledBatches for module in modules)
         assert buffer.discount_cumsum is discounted_sums
         raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError, match="stop"), process_state_kept(), fast_loops():
+        inside()
     assert ([module.DataLoader for module in modules], buffer.discount_cumsum) == before

@@ -109,7 +109,15 @@ def test_aligned_cars_overlap_only_where_the_bumper_gap_is_negative_or_zero(ds: 
         # On the other side that corner passes the other's corner: apart, though both projections overlap.
         (2.5 + 3.5 / math.sqrt(2) - 0.1, -1.0, 0.0, 0.25 * math.pi, False),
         (2.5 + 3.5 / math.sqrt(2) - 0.1, -1.0, 0.0, -0.25 * math.pi, True),
-        # Both along the same diagonal: 2 m apart across it is contact, however far along the road.
+        # Both turned so that a corner points along the road: half diagonals of sqrt(2.5^2 + 1) = 2.6926 m meet.
+        (5.385, 0.0, -math.atan(0.4), -math.atan(0.4), True),
+        (5.3853, 0.0, -math.atan(0.4), -math.atan(0.4), False),
+        (0.0, 5.385, math.atan(2.5), math.atan(2.5), True),
+        # Nose to tail along the same diagonal: contact at 5 m of it.
+        (4.999 / math.sqrt(2), 4.999 / math.sqrt(2), 0.25 * math.pi, 0.25 * math.pi, True),
+        (5.001 / math.sqrt(2), 5.001 / math.sqrt(2), 0.25 * math.pi, 0.25 * math.pi, False),
+        (5.001 / math.sqrt(2), -5.001 / math.sqrt(2), -0.25 * math.pi, -0.25 * math.pi, False),
+        # Side by side along it: contact at 2 m.
         (1.999 * math.sin(-0.25 * math.pi), 1.999 * math.cos(-0.25 * math.pi), 0.25 * math.pi, 0.25 * math.pi, True),
         (2.001 * math.sin(-0.25 * math.pi), 2.001 * math.cos(-0.25 * math.pi), 0.25 * math.pi, 0.25 * math.pi, False),
     ],

@@ -79,7 +79,7 @@ def test_bounds_fit_the_layout_and_contain_an_ego_that_left_the_road() -> None:
 
 @given(
     st.tuples(st.floats(0, 761), st.floats(-5.25, 5.25), st.floats(0, 13.89), st.floats(-0.35, 0.35)),
-    st.lists(st.tuples(st.floats(-250, 250), st.floats(-4, 4), st.floats(0, 14)), max_size=7),
+    st.lists(st.tuples(st.floats(-250, 250), st.floats(-4, 4), st.floats(0, 13.89)), max_size=7),
     st.lists(st.tuples(st.floats(-250, 250), st.floats(-5.8, 5.8), st.floats(-1.8, 1.8)), max_size=4),
 )
 def test_decode_gives_the_bodies_back_in_si_units(

@@ -108,7 +108,7 @@ def test_nobody_steps_off_while_another_one_crosses() -> None:
 def test_a_car_is_judged_at_the_time_when_the_pedestrian_reaches_its_lane(d: float, side: float, way_m: float) -> None:
     for s in np.arange(-20.0, 130.0, 3.0):
         expected = car_can_yield(100.0 - s, 9.0, 9.0, way_m / 1.5)
-        assert allows([{"s": float(s), "d": d, "speed": 9.0}], side=side) is expected
+        assert allows([{"s": float(s), "d": d, "speed": 9.0}], side=side) == expected
 
 
 @kernels
