@@ -175,7 +175,7 @@ def pedestrian_counts(
 def _vehicle_limits(
     e: Any, v: Any, c: Corridor, horizon: float, o: Switches
 ) -> tuple[float, float, float]:
-    """SCA of a car as preceding and as following object, and its stopping bound; inf, -inf, inf if it does not count."""
+    """SCA of a car as preceding and as following object, stopping bound; inf, -inf, inf if it does not count."""
     drift, other = 0.0, v.speed
     if v.heading != 0.0:
         drift, other = v.speed * math.sin(v.heading) * HORIZON_S, v.speed * math.cos(v.heading)

@@ -28,6 +28,10 @@ app = typer.Typer(
 )
 speed_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(speed_app, name="speed")
+stress_app = typer.Typer(help="Try to make a guard fail.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(stress_app, name="stress")
+train_app = typer.Typer(help="Train what runs share.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(train_app, name="train")
 
 Results = Annotated[Path, typer.Option("--results", metavar="DIR", help="Results folder.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
@@ -135,6 +139,39 @@ def engine(
 
     measured = speed.engine(scenario, worlds, repeats)
     _print(json_text(measured) if as_json else speed.as_text(measured))
+
+
+@stress_app.command()
+@reports_errors
+def guard(
+    scenario: Annotated[str, typer.Option(help="Scenario to drive.")] = "a",
+    tc: Annotated[str, typer.Option(help="T_c in seconds, or dd-rq for that of the risk model.")] = "3.0",
+    episodes: Annotated[int, typer.Option(min=1, help="How many.")] = 10_000,
+    driver: Annotated[str, typer.Option(help="random, cruise, full-throttle or full-throttle-lane-change.")] = "random",
+    seed: Annotated[int, typer.Option(help="Names the stream of episodes.")] = 0,
+    agent_steps: Annotated[int, typer.Option(help="dd-rq: budget of the driving agent behind its model.")] = 500_000,
+    results: Results = RESULTS,
+    as_json: AsJson = False,
+) -> None:
+    """Drive many episodes behind the safety guard and count collisions by kind and fault."""
+    from bench import stress
+    from bench.text import json_text
+
+    found = stress.command(scenario, tc, episodes, driver, seed, agent_steps, results / "cache").as_json()
+    _print(json_text(found) if as_json else "\n".join(f"{key:20} {value}" for key, value in found.items()))
+
+
+@train_app.command("driving-agent")
+@reports_errors
+def driving_agent(
+    scenario: Annotated[str, typer.Option(help="Scenario to train on.")] = "a",
+    steps: Annotated[int, typer.Option(min=1, help="Budget in simulation steps of 0.1 s.")] = 500_000,
+    results: Results = RESULTS,
+) -> None:
+    """Train the driving agent pi_phi, or find it in the cache; its learning curve is in agent.json beside it."""
+    from bench import training
+
+    _print(str(training.train_driving_agent(scenario, steps, results / "cache", _print)))
 
 
 @app.command()

@@ -18,8 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.errors import RecordError
-from envs.world import EPISODE
-from envs.world import Records
+from envs.world import EPISODE, Records
 
 TABLES_VERSION: Final = 1
 """Raised by every change of a column; stored in each file."""

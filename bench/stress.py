@@ -5,14 +5,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from algorithms.dd_rq import RiskGuard
 from algorithms.method import Actions, Observations, seed_sequence
 from algorithms.reference_drivers import DRIVERS
+from algorithms.risk_training import risk_model
 from algorithms.safety_guard import GuardOptions, SafetyGuard
+from bench.errors import UsageError
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX
 from envs.layout import CHUNK, EpisodeSource
@@ -194,6 +198,25 @@ def stress_guard(
         totals.add(_drive(source, policy, shield, min(worlds, episodes - start)))
     used = {} if shield_factory else dataclasses.asdict(options or GuardOptions())
     return totals.result(scenario=scenario.id, tc=tc, driver=driver, seed=seed, options=used)
+
+
+def command(
+    scenario: str, tc: str, episodes: int, driver: str, seed: int, agent_steps: int, cache: Path
+) -> StressResult:
+    """`stress_guard` from what is typed: T_c as a text, DD-RQ's risk model from the cache or trained now.
+
+    Raises:
+        UsageError: A name is unknown or a number unusable.
+    """
+    try:
+        chosen = get_scenario(scenario)
+        if tc != DD_RQ:
+            return stress_guard(chosen, float(tc), episodes, driver, seed=seed)
+        model = risk_model(chosen, agent_steps, cache)
+        factory: ShieldFactory = lambda _scenario: RiskGuard(model)  # noqa: E731
+        return stress_guard(chosen, DD_RQ, episodes, driver, seed=seed, shield_factory=factory)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
 
 
 def _drive(source: EpisodeSource, driver: StressDriver, shield: Shield, worlds: int) -> Records:
