@@ -218,8 +218,7 @@ class CruisePolicy(ScriptedPolicy):
 
 
 DRIVERS: Final[dict[str, type[ScriptedPolicy]]] = {
-    policy.driver: policy
-    for policy in (ConstantSpeedPolicy, FullThrottlePolicy, RandomPolicy, IDMPolicy, CruisePolicy)
+    policy.driver: policy for policy in (ConstantSpeedPolicy, FullThrottlePolicy, RandomPolicy, IDMPolicy, CruisePolicy)
 }
 
 

@@ -73,9 +73,7 @@ class SACSettings:
                 try:
                     changes[item.name] = kind(settings[item.name])
                 except ValueError:
-                    raise ValueError(
-                        f"{item.name} = {settings[item.name]!r}: expected {kind.__name__}."
-                    ) from None
+                    raise ValueError(f"{item.name} = {settings[item.name]!r}: expected {kind.__name__}.") from None
         return replace(cls(), **changes)
 
 
@@ -154,9 +152,7 @@ def train_sac(
     return deterministic_policy(model, action_mode, shield)
 
 
-def deterministic_policy(
-    model: StableBaselinesSAC, action_mode: ActionMode, shield: Shield | None
-) -> NetworkPolicy:
+def deterministic_policy(model: StableBaselinesSAC, action_mode: ActionMode, shield: Shield | None) -> NetworkPolicy:
     """The mean of a trained actor as a policy that saves without pickle."""
     actor: Any = model.actor
     layers = [module for module in actor.latent_pi if isinstance(module, torch.nn.Linear)] + [actor.mu]

@@ -146,9 +146,7 @@ def _overlaps(low: float, high: float, d: float, drift: float, width: float) -> 
 
 
 @njit
-def pedestrian_counts(
-    gap: float, d: float, walking: float, low: float, high: float, speed: float
-) -> bool:
+def pedestrian_counts(gap: float, d: float, walking: float, low: float, high: float, speed: float) -> bool:
     """Whether a pedestrian ahead will not surely have left the strip when the ego can arrive at the earliest.
 
     Args:
@@ -172,9 +170,7 @@ def pedestrian_counts(
 
 
 @njit
-def _vehicle_limits(
-    e: Any, v: Any, c: Corridor, horizon: float, o: Switches
-) -> tuple[float, float, float]:
+def _vehicle_limits(e: Any, v: Any, c: Corridor, horizon: float, o: Switches) -> tuple[float, float, float]:
     """SCA of a car as preceding and as following object, stopping bound; inf, -inf, inf if it does not count."""
     drift, other = 0.0, v.speed
     if v.heading != 0.0:

@@ -277,9 +277,7 @@ class _Totals:
         pairs = zip(finished["ttc_min"].tolist(), finished["episode"].tolist(), strict=True)
         self.closest = sorted([*self.closest, *pairs])[:CLOSEST]
 
-    def result(
-        self, *, scenario: str, tc: Tc, driver: str, seed: int, options: dict[str, bool]
-    ) -> StressResult:
+    def result(self, *, scenario: str, tc: Tc, driver: str, seed: int, options: dict[str, bool]) -> StressResult:
         """The figures of all batches."""
         worst = self.collided[:WORST_MAX] or [number for _, number in self.closest]
         return StressResult(

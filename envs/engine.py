@@ -47,9 +47,7 @@ COST_PROXIMITY, COST_TTC = int(CostSignal.PROXIMITY), int(CostSignal.TTC)
 
 
 @njit
-def judge_contact(
-    ds: float, dd: float, ego_lateral_speed: float, other_lateral_speed: float
-) -> tuple[int, int]:
+def judge_contact(ds: float, dd: float, ego_lateral_speed: float, other_lateral_speed: float) -> tuple[int, int]:
     """Kind of contact between two cars and whether the ego is at fault, from their offset a step before.
 
     Args:

@@ -60,9 +60,7 @@ def lane_deviation_reward(d: float) -> float:
 
 
 @njit
-def comfort_reward(
-    target: float, target_before: float, acceleration: float, acceleration_before: float
-) -> float:
+def comfort_reward(target: float, target_before: float, acceleration: float, acceleration_before: float) -> float:
     """r_cf of Eq. (safety_reward), on executed commands.
 
     Deviation: lateral targets are compared in the road's frame. Relative to the nearest lane the paper's d_fn

@@ -125,9 +125,7 @@ GYMNASIUM_IDS: Final[dict[str, str]] = {
 }
 """gymnasium id of each built-in scenario; its version is the scenario's."""
 
-_PARAMETERS: Final = {
-    f.name: f.type for f in dataclasses.fields(Scenario) if f.name not in ("name", "version")
-}
+_PARAMETERS: Final = {f.name: f.type for f in dataclasses.fields(Scenario) if f.name not in ("name", "version")}
 
 
 def scenario_names() -> list[str]:

@@ -67,9 +67,7 @@ def idm_acceleration(
 
 
 @njit
-def _state(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int
-) -> tuple[float, float, float, float]:
+def _state(ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int) -> tuple[float, float, float, float]:
     """Position, lateral position, speed and heading of participant k; far away if absent."""
     count = vehicles.shape[1]
     if k == 0:
@@ -93,9 +91,7 @@ def _counts(vehicles: Records, pedestrians: Records, i: int, k: int) -> bool:
 
 
 @njit
-def neighbour(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int, ahead: bool
-) -> int:
+def neighbour(ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int, ahead: bool) -> int:
     """Participant next ahead of (or behind) participant k in a lane: highway-env's `Road.neighbour_vehicles`."""
     s = _state(ego, vehicles, pedestrians, i, k)[0]
     centre = lane_centre(lane)
@@ -140,17 +136,13 @@ def judged_acceleration(
 
 
 @njit
-def following_acceleration(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, leader: int
-) -> float:
+def following_acceleration(ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, leader: int) -> float:
     """Participant k's own IDM acceleration behind a leader, see `judged_acceleration` [m/s2]."""
     return judged_acceleration(ego, vehicles, pedestrians, i, k, k, leader)
 
 
 @njit
-def _mobil_recommends(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int
-) -> bool:
+def _mobil_recommends(ego: Records, vehicles: Records, pedestrians: Records, i: int, k: int, lane: int) -> bool:
     """MOBIL with politeness 0 (Kesting, Treiber and Helbing 2007), highway-env's `IDMVehicle.mobil`."""
     new_behind = neighbour(ego, vehicles, pedestrians, i, k, lane, False)
     imposed = judged_acceleration(ego, vehicles, pedestrians, i, k, new_behind, k)

@@ -43,9 +43,7 @@ def real_array(name: str, values: npt.ArrayLike, ndim: int) -> FloatArray:
     result = array.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(result))
     if bad.size:
-        raise ValueError(
-            f"{name} holds {result.flat[bad[0]]} at flat index {bad[0]}: drop or repair that run"
-        )
+        raise ValueError(f"{name} holds {result.flat[bad[0]]} at flat index {bad[0]}: drop or repair that run")
     return result
 
 
@@ -63,9 +61,7 @@ def binary_array(name: str, values: npt.ArrayLike, ndim: int) -> FloatArray:
     array = real_array(name, values, ndim)
     bad = np.flatnonzero((array != 0.0) & (array != 1.0))
     if bad.size:
-        raise ValueError(
-            f"{name} holds {array.flat[bad[0]]:g} at flat index {bad[0]}: pass 0 or 1 per episode"
-        )
+        raise ValueError(f"{name} holds {array.flat[bad[0]]:g} at flat index {bad[0]}: pass 0 or 1 per episode")
     return array
 
 

@@ -196,9 +196,7 @@ def _bootstrap_error(
     """Corrected standard error over resampled groups, and the number of groups."""
     members = np.arange(samples) if groups is None else _checks.count_array("groups", groups)
     if members.size != samples:
-        raise ValueError(
-            f"groups has {members.size} entries for {samples} samples: pass one group per sample"
-        )
+        raise ValueError(f"groups has {members.size} entries for {samples} samples: pass one group per sample")
     group_of = np.unique(members, return_inverse=True)[1].ravel()
     units = int(group_of.max()) + 1
     generator, drawn = _checks.generator(rng), _checks.count("resamples", resamples, minimum=100)

@@ -48,9 +48,7 @@ class PairedScores:
         if len(first) != len(second):
             extra = (first if len(first) > len(second) else second)[min(len(first), len(second))]
             side = "second" if len(first) > len(second) else "first"
-            raise ValueError(
-                f"scenario id {extra!r} is missing from {side}: evaluate both on the one held-out list"
-            )
+            raise ValueError(f"scenario id {extra!r} is missing from {side}: evaluate both on the one held-out list")
         if len(set(first)) != len(first):
             repeated = next(name for name in first if first.count(name) > 1)
             raise ValueError(f"scenario id {repeated!r} is repeated: list each scenario once, seeds as rows")

@@ -60,9 +60,7 @@ def exact_rate(events: SupportsIndex, trials: SupportsIndex, level: float = 0.95
     """
     k, n = _checks.count("events", events), _checks.count("trials", trials)
     if k > n:
-        raise ValueError(
-            f"events {k} exceed trials {n}: count each trial once, and events among the same trials"
-        )
+        raise ValueError(f"events {k} exceed trials {n}: count each trial once, and events among the same trials")
     tail = (1.0 - _checks.fraction("level", level)) / 2.0
     if n == 0:
         return Rate(k, n, Interval.none(level))

@@ -74,9 +74,7 @@ def reliability(
     _checks.same_shape("predicted", forecasts, "outcomes", events)
     bad = np.flatnonzero((forecasts < 0.0) | (forecasts > 1.0))
     if bad.size:
-        raise ValueError(
-            f"predicted holds {forecasts[bad[0]]:g} at index {bad[0]}: pass probabilities in [0, 1]"
-        )
+        raise ValueError(f"predicted holds {forecasts[bad[0]]:g} at index {bad[0]}: pass probabilities in [0, 1]")
     edges = np.linspace(0.0, 1.0, _checks.count("bins", bins, minimum=1) + 1)
     bin_of = np.clip(np.searchsorted(edges, forecasts, side="right") - 1, 0, edges.size - 2)
     rows = []
@@ -85,8 +83,6 @@ def reliability(
         samples, happened = int(inside.sum()), int(events[inside].sum())
         mean = float(np.mean(forecasts[inside]))
         interval = exact_rate(happened, samples, level).interval
-        rows.append(
-            ReliabilityBin(float(edges[index]), float(edges[index + 1]), samples, happened, mean, interval)
-        )
+        rows.append(ReliabilityBin(float(edges[index]), float(edges[index + 1]), samples, happened, mean, interval))
     gaps = sum(row.samples * abs(row.observed - row.mean_predicted) for row in rows)
     return Reliability(tuple(rows), gaps / forecasts.size)

@@ -156,7 +156,5 @@ def _seed_counts(events: npt.ArrayLike, trials: npt.ArrayLike) -> tuple[IntArray
     over = np.flatnonzero(k > n)
     if over.size:
         seed = over[0]
-        raise ValueError(
-            f"seed index {seed} has {k[seed]} events in {n[seed]} trials: count events among trials"
-        )
+        raise ValueError(f"seed index {seed} has {k[seed]} events in {n[seed]} trials: count events among trials")
     return k[n > 0], n[n > 0]

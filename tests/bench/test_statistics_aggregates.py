@@ -89,8 +89,7 @@ def test_strata_bootstrap_draws_within_each_column() -> None:
 def test_strata_bootstrap_has_columns_times_seeds_less_one_degrees_of_freedom() -> None:
     scores, draw = np.random.default_rng(1).normal(size=(3, 4)), np.random.default_rng(2)
     resampled = [
-        iqm(np.take_along_axis(scores, draw.integers(0, 3, size=(3, 4)), axis=0))
-        for _ in range(SHORT_RESAMPLES)
+        iqm(np.take_along_axis(scores, draw.integers(0, 3, size=(3, 4)), axis=0)) for _ in range(SHORT_RESAMPLES)
     ]
     estimate = iqm_interval(scores, np.random.default_rng(2), Resample.STRATA, SHORT_RESAMPLES)
     expected = expected_interval(scores, resampled, degrees=8)
@@ -113,12 +112,8 @@ def test_one_seed_gives_a_value_without_an_interval() -> None:
 
 
 @given(SCORES.filter(lambda scores: len(scores) > 1), st.sampled_from(Resample))
-def test_iqm_interval_contains_the_point_and_widens_with_level(
-    scores: np.ndarray, resample: Resample
-) -> None:
-    narrow, wide = (
-        iqm_interval(scores, np.random.default_rng(0), resample, 100, level) for level in (0.8, 0.95)
-    )
+def test_iqm_interval_contains_the_point_and_widens_with_level(scores: np.ndarray, resample: Resample) -> None:
+    narrow, wide = (iqm_interval(scores, np.random.default_rng(0), resample, 100, level) for level in (0.8, 0.95))
     assert narrow.interval.contains(narrow.value)
     assert narrow.interval.width <= wide.interval.width
 
@@ -206,8 +201,7 @@ def test_improvement_interval_covers(shift: float, columns: int, low: float, hig
     rng, covered = np.random.default_rng(13), 0
     for _ in range(1000):
         first, second = (
-            mean + spread * rng.standard_normal((5, 1)) + rng.standard_normal((5, columns))
-            for mean in (shift, 0.0)
+            mean + spread * rng.standard_normal((5, 1)) + rng.standard_normal((5, columns)) for mean in (shift, 0.0)
         )
         estimate = probability_of_improvement_interval(first, second, rng, SHORT_RESAMPLES)
         covered += estimate.interval.contains(truth)

@@ -175,9 +175,7 @@ def test_reliability_by_hand() -> None:
 
 
 @given(FORECASTS, st.integers(1, 15), st.randoms(use_true_random=False))
-def test_reliability_counts_every_sample_once_in_any_order(
-    pairs: list[tuple[float, int]], bins: int, shuffler
-) -> None:
+def test_reliability_counts_every_sample_once_in_any_order(pairs: list[tuple[float, int]], bins: int, shuffler) -> None:
     result = reliability(*zip(*pairs, strict=True), bins=bins)
     assert sum(row.samples for row in result.bins) == len(pairs)
     assert sum(row.events for row in result.bins) == sum(outcome for _, outcome in pairs)

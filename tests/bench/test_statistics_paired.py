@@ -38,9 +38,7 @@ def test_mcnemar_by_hand() -> None:
     assert result.p_value == pytest.approx(14 / 64)
 
 
-@pytest.mark.parametrize(
-    ("only_first", "only_second", "p"), [(0, 0, 1.0), (3, 3, 1.0), (0, 5, 2 / 32), (1, 0, 1)]
-)
+@pytest.mark.parametrize(("only_first", "only_second", "p"), [(0, 0, 1.0), (3, 3, 1.0), (0, 5, 2 / 32), (1, 0, 1)])
 def test_mcnemar_edges_by_hand(only_first: int, only_second: int, p: float) -> None:
     assert mcnemar_exact(flags(only_first, only_second, neither=1)).p_value == pytest.approx(p)
 
@@ -106,9 +104,7 @@ def test_mean_difference_over_seeds_by_hand() -> None:
 
 
 @given(st.integers(0, 2**32), st.integers(2, 6), st.integers(1, 9))
-def test_mean_difference_is_antisymmetric_and_blind_to_seed_order(
-    entropy: int, seeds: int, scenarios: int
-) -> None:
+def test_mean_difference_is_antisymmetric_and_blind_to_seed_order(entropy: int, seeds: int, scenarios: int) -> None:
     first, second = np.random.default_rng(entropy).normal(size=(2, seeds, scenarios))
     estimate = paired_mean_difference(paired(first, second))
     reverse = paired_mean_difference(paired(second[::-1], first[::-1]))

@@ -158,9 +158,7 @@ def test_no_distance_gives_an_empty_exposure() -> None:
 
 
 @pytest.mark.parametrize(("mean", "low", "high"), [(2.0, 0.96, 0.999), (200.0, 0.95, 0.965)])
-def test_exposure_coverage_is_exact_for_many_and_conservative_for_few(
-    mean: float, low: float, high: float
-) -> None:
+def test_exposure_coverage_is_exact_for_many_and_conservative_for_few(mean: float, low: float, high: float) -> None:
     collisions = np.arange(int(mean + 20 * math.sqrt(mean)))
     covered = [collisions_per_1000_km(int(k), 1000.0).interval.contains(mean) for k in collisions]
     assert low <= float(stats.poisson.pmf(collisions, mean) @ covered) <= high

@@ -30,9 +30,7 @@ def draw_events(
     return rng.binomial(trials, rates)
 
 
-def coverage(
-    rate: float, correlation: float, trials: list[int], repetitions: int = 2000, stream: int = 0
-) -> float:
+def coverage(rate: float, correlation: float, trials: list[int], repetitions: int = 2000, stream: int = 0) -> float:
     rng = np.random.default_rng([20_260_101, stream])
     events = draw_events(rng, rate, correlation, trials, repetitions)
     return float(np.mean([seed_rate(row, trials).interval.contains(rate) for row in events]))
@@ -168,9 +166,7 @@ def test_pooled_clopper_pearson_under_covers_when_seeds_differ() -> None:
 
 
 def test_percentile_bootstrap_repeats_with_its_generator_and_spans_the_seeds() -> None:
-    first, second = (
-        percentile_seed_rate([1, 5, 9], [10, 10, 10], np.random.default_rng(3), 2000) for _ in range(2)
-    )
+    first, second = (percentile_seed_rate([1, 5, 9], [10, 10, 10], np.random.default_rng(3), 2000) for _ in range(2))
     assert first == second
     assert first.method is SeedInterval.PERCENTILE_BOOTSTRAP
     # All three draws hit the lowest seed with probability 1/27 = 3.7 % > 2.5 %: the bounds are the extremes.

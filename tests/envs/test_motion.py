@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from envs.geometry import LANE_WIDTH_M, ROAD_EDGE_M, VEHICLE_WIDTH_M, lane_centre
 from envs.motion import (
     COURSE_MAX_RAD,
+    HORIZON_S,
     LATERAL_ACCELERATION_MAX_MPS2,
     STEERING_MAX_RAD,
     TARGET_MAX_M,
@@ -274,8 +275,13 @@ def test_a_lane_change_settles_without_entering_the_third_lane(speed: float, hor
     assert change_lane(speed, horizon, lanes=(2, 1)).settled_s == change.settled_s
 
 
+def test_limits_are_those_of_the_reference() -> None:
+    assert (HORIZON_S, COURSE_MAX_RAD, LATERAL_ACCELERATION_MAX_MPS2, TARGET_MAX_M) == (3.0, 0.35, 3.0, 4.25)
+    assert math.degrees(STEERING_MAX_RAD) == pytest.approx(60.0)
+
+
 def test_a_lane_change_at_the_default_horizon_takes_3_to_5_seconds() -> None:
-    assert 3.0 <= SETTLED_S[3.0] <= 5.0
+    assert 3.0 <= SETTLED_S[HORIZON_S] <= 5.0
 
 
 @pytest.mark.parametrize("horizon", SETTLED_S)
