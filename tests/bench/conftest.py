@@ -12,8 +12,7 @@ import pytest
 from bench import schema, store
 from bench.spec import RunSpec
 from bench.store import Store
-from envs.world import EPISODE
-from envs.world import Ending, Fault
+from envs.world import EPISODE, Ending, Fault
 
 FAKE_METHODS = """
 import json, os, signal, time
