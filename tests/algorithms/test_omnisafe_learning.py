@@ -91,7 +91,7 @@ def trained_by_omnisafe_alone(algorithm, terminates, chosen, folder):
 @pytest.mark.parametrize("terminates", [True, False], ids=["terminated", "truncated"])
 def test_one_world_gives_what_omnisafe_gives_alone_bit_for_bit(algorithm, terminates, tmp_path):
     def chosen(seed):
-        return toy_configuration(algorithm, Schedule(1, 3, 20 * HORIZON, 0), seed=seed, batch="50")
+        return toy_configuration(algorithm, Schedule(1, 2, 12 * HORIZON, 0), seed=seed, batch="20")
 
     ours = train_actor(algorithm, Push(1, terminates), chosen(7))
     theirs = trained_by_omnisafe_alone(algorithm, terminates, chosen(7), tmp_path)
@@ -135,9 +135,10 @@ def test_termination_is_worth_nothing_truncation_the_final_state_and_a_cut_the_p
         pushes = np.clip(BOUND * data["act"][:, 0], -BOUND, BOUND)
         final = [1.0, 0.1 * pushes[:HORIZON].sum()]  # five decisions old, before the reset
         present = [2 / HORIZON, 0.1 * pushes[HORIZON:].sum()]
+        states = torch.tensor([final, present], dtype=torch.float32)
         for letter, critic, signal in (("r", "reward_critic", "reward"), ("c", "cost_critic", "cost")):
             with torch.no_grad():
-                at_end, at_cut = getattr(trainer._actor_critic, critic)(torch.tensor([final, present]))[0].tolist()
+                at_end, at_cut = getattr(trainer._actor_critic, critic)(states)[0].tolist()
             assert abs(at_end) > 1e-3
             first = slice(0, HORIZON), 0.0 if terminates else at_end
             second = slice(HORIZON, None), at_cut

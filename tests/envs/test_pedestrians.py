@@ -12,12 +12,28 @@ from envs.engine import STEPS_MAX
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.layout import EpisodeSource, sample_initial_worlds
 from envs.motion import HORIZON_S
-from envs.pedestrians import KERB_M, car_can_yield, ego_can_stop, step, traffic_can_yield
+from envs.pedestrians import (
+    KERB_M,
+    SPEED_MAX_MPS,
+    SPEED_MIN_MPS,
+    TRIGGER_GAP_MAX_M,
+    TRIGGER_GAP_MIN_M,
+    car_can_yield,
+    ego_can_stop,
+    step,
+    traffic_can_yield,
+)
 from envs.scenario import PedestrianRule, get_scenario
 from envs.world import CROSSING, GONE, WAITING, Ending, Fault, World
 from tests.envs.small_worlds import advance, one_world
 
 kernels = pytest.mark.kernels
+
+
+@kernels
+def test_constants_are_those_of_the_reference() -> None:
+    assert (KERB_M, PEDESTRIAN_SIZE_M) == (5.75, 0.6)
+    assert (SPEED_MIN_MPS, SPEED_MAX_MPS, TRIGGER_GAP_MIN_M, TRIGGER_GAP_MAX_M) == (0.8, 1.8, 30.0, 90.0)
 
 
 @kernels
