@@ -53,7 +53,14 @@ def test_a_failing_a_dying_and_a_locked_run_stop_nobody_kill(
 
 def _bench(results: Path, *arguments: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "bench", "run", "--results", str(results), *arguments]
-    return subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    # A test run that was started in the background of a shell ignores Ctrl-C, and its children would, too.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.Popen(
+            command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps_off(

@@ -12,6 +12,7 @@ from envs.engine import STEPS_MAX, find_contact, judge_contact
 from envs.layout import sample_initial_worlds
 from envs.reward import CostSignal, comfort_reward, lane_deviation_reward, speed_reward
 from envs.scenario import get_scenario
+from envs.traffic import move
 from envs.world import CROSSING, GONE, Ending, Fault, World
 from tests.envs.small_worlds import Fields, advance, one_world
 
@@ -88,22 +89,65 @@ def test_a_car_that_turns_into_the_egos_lane_is_at_fault_itself(side: float) -> 
     assert (episode.ending, episode.fault, episode.ego_at_fault) == (Ending.COLLISION, Fault.SIDE, 0)
 
 
-@kernels
-def test_the_other_car_is_put_back_by_its_last_move() -> None:
-    # It stands 4.9 m ahead after braking from 12 m/s at 6 m/s2: 6.1 m ahead before, 5.1 m from where the ego was.
-    world = one_world({"s": 1.0, "speed": 10.0}, [{"s": 5.9, "speed": 11.4, "acceleration": -6.0, "d": 1.9}])
-    w = (world.ego, world.vehicles, world.pedestrians)
-    assert find_contact(*w, 0, -0.4, 0.0) == (Fault.AHEAD, 1)
-    # Had it stood still it would have been beside: at 4.9 m, and 2.1 m across from d = -0.2 m.
-    assert find_contact(*w, 0, 0.0, -0.2) == (Fault.SIDE, 0)
+NEAR = 1e-7
 
 
 @kernels
-@pytest.mark.parametrize(("d", "hit"), [(1.3 - 1e-6, True), (1.3 + 1e-6, False)])
-def test_contact_with_a_pedestrian_is_true_overlap_and_the_egos_fault(d: float, hit: bool) -> None:
-    world = one_world({}, [], [{"state": CROSSING, "s": 2.8 - 1e-6, "d": -d}, {"state": GONE, "s": 0.0}])
-    found = find_contact(world.ego, world.vehicles, world.pedestrians, 0, 0.0, 0.0)
+@given(
+    st.tuples(st.floats(-500, 500), st.floats(-3, 3), st.floats(2, 13), st.floats(-0.3, 0.3)),
+    st.floats(-3.0, 3.0),
+    st.floats(-0.1, 0.1),
+)
+def test_fault_is_judged_from_where_the_other_car_really_was(
+    start: tuple[float, float, float, float], acceleration: float, steering: float
+) -> None:
+    s, d, speed, heading = start
+    car = {"s": s, "d": d, "speed": speed, "heading": heading, "acceleration": acceleration, "steering": steering}
+    world = one_world({}, [car])
+    move(world.vehicles, 0, True)
+    lateral_speed = (float(world.vehicles.d[0, 0]) - d) / 0.1
+    for name in ("s", "d", "heading"):
+        world.ego[name][0] = world.vehicles[name][0, 0]  # in contact now
+
+    def judge(ds: float, dd: float, ego_lateral_speed: float) -> tuple[int, int]:
+        """With the ego that far before the other car, a step ago."""
+        world.ego.lateral_speed[0] = ego_lateral_speed
+        return find_contact(world.ego, world.vehicles, world.pedestrians, 0, s - ds, d - dd)
+
+    still = 0.0
+    assert judge(5.0 + NEAR, 2.5, still)[0] == judge(NEAR, 1.0, still)[0] == Fault.AHEAD
+    assert judge(5.0 - NEAR, 2.5, still)[0] == judge(1.0, 2.0 + NEAR, still)[0] == Fault.SIDE
+    assert judge(-5.0 + NEAR, -2.5, still)[0] == judge(1.0, -2.0 - NEAR, still)[0] == Fault.SIDE
+    assert judge(1.0, 2.0 - NEAR, still)[0] == judge(1.0, -2.0 + NEAR, still)[0] == Fault.AHEAD
+    assert judge(-NEAR, 1.0, still)[0] == judge(-5.0 - NEAR, 2.5, still)[0] == Fault.REAR_ENDED
+    if abs(lateral_speed) > 0.11:
+        assert judge(1.0, 2.5, abs(lateral_speed) + NEAR) == (Fault.SIDE, 1)
+        assert judge(1.0, 2.5, abs(lateral_speed) - NEAR) == (Fault.SIDE, 0)
+
+
+@kernels
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("ds", "dd", "hit"),
+    [(0.0, 1.3 - 1e-6, True), (0.0, 1.3 + 1e-6, False), (2.8 - 1e-6, 0.0, True), (2.8 + 1e-6, 0.0, False)],
+)
+def test_contact_with_a_pedestrian_is_true_overlap_and_the_egos_fault(
+    ds: float, dd: float, hit: bool, side: float
+) -> None:
+    crossing = {"state": CROSSING, "s": 300.0 + side * ds, "d": 1.5 + side * dd}
+    world = one_world({"s": 300.0, "d": 1.5}, [], [crossing, {"state": GONE, "s": 300.0, "d": 1.5}])
+    found = find_contact(world.ego, world.vehicles, world.pedestrians, 0, 299.0, 1.5)
     assert found == ((Fault.PEDESTRIAN, 1) if hit else (Fault.NONE, 0))
+
+
+@kernels
+def test_contact_with_a_pedestrian_minds_the_egos_heading() -> None:
+    # Turned by 30 degrees the ego reaches 2.5 sin 30 + 1.0 cos 30 = 2.116 m to its left at its front corner, which
+    # lies 2.5 cos 30 - 1.0 sin 30 = 1.665 m ahead.
+    for dd, hit in ((2.116 + 0.29, True), (2.116 + 0.31, False)):
+        world = one_world({"heading": math.radians(30.0)}, [], [{"state": CROSSING, "s": 1.665, "d": dd}])
+        found = find_contact(world.ego, world.vehicles, world.pedestrians, 0, 0.0, 0.0)
+        assert found[0] == (Fault.PEDESTRIAN if hit else Fault.NONE)
 
 
 @kernels

@@ -75,7 +75,9 @@ def test_comfort_reward_is_never_positive_and_forgets_the_order(a: float, b: flo
 
 
 def exposure(ego: Fields, vehicles: list[Fields], people: list[Fields] | None = None) -> tuple[float, float]:
-    world = one_world(ego, vehicles, people or [])
+    """Everybody 1.5 m further to the left than named, which must not matter."""
+    moved = [[{**body, "d": body.get("d", 0.0) + 1.5} for body in bodies] for bodies in ([ego], vehicles, people or [])]
+    world = one_world(moved[0][0], moved[1], moved[2])
     gap, ttc = path_exposure(world.ego, world.vehicles, world.pedestrians, 0)
     return float(gap), float(ttc)
 
