@@ -146,7 +146,8 @@ def test_a_crossing_pedestrian_stands_still_along_the_road() -> None:
 
 @kernels
 def test_a_leader_who_turns_away_counts_with_its_speed_along_the_own_heading() -> None:
-    world = one_world(FAR_BEHIND, [{"s": 0.0, "speed": 10.0}, {"s": 40.0, "speed": 8.0, "heading": 0.3}])
+    follower, leader = {"s": 0.0, "speed": 10.0, "heading": 0.1}, {"s": 40.0, "speed": 8.0, "heading": 0.4}
+    world = one_world(FAR_BEHIND, [follower, leader])
     closing = 10.0 - 8.0 * math.cos(0.3)
     assert follow(world, 1, 2) == pytest.approx(idm_acceleration(10.0, 10.0, 4.0, 1.5, 40.0, closing))
 
