@@ -43,7 +43,8 @@ def stopping_bound(gap: float, speed: float, leader_speed: float) -> float:
     """
     left = gap - CLEARANCE_M - speed * STEP_S + leader_speed * leader_speed / (2.0 * TRAFFIC_BRAKING_MPS2)
     if left <= 0.0:
-        return -math.inf
+        # Too late for any: the worse, the less is left.
+        return (left / STEP_S - speed) / STEP_S
     b = -ACCELERATION_MIN_MPS2
     # v'^2 / (2 b) + v' dt / 2 = left, solved for v'.
     next_speed = b * (math.sqrt(0.25 * STEP_S * STEP_S + 2.0 * left / b) - 0.5 * STEP_S)

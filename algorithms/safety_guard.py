@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
+import numba
 import numpy as np
 
 from algorithms.critical_acceleration import follower_can_brake, sca, stopping_bound
@@ -24,7 +26,9 @@ from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S,
 from envs.reward import SAFE_HEADWAY_S
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
-GUARD_VERSION: Final = 2
+F = TypeVar("F", bound=Callable[..., Any])
+
+GUARD_VERSION: Final = 3
 """Raised by every change that alters what the guard does."""
 LATERAL_MARGIN_M: Final = 0.3
 """Kept on either side of the swept corridor."""
@@ -38,6 +42,12 @@ TOWARDS_M: Final = 0.01
 """A lateral motion below this leads nowhere."""
 STILL_M: Final = 0.1
 """Lateral rate and acceleration that carry the ego less far than this within the horizon are none."""
+
+
+def _inlined(function: F) -> F:
+    """`envs.compiled.njit`, always compiled into its caller: handing over records and arrays costs 0.1 us a call."""
+    compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return cast(F, compiled)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +89,18 @@ class Switches(NamedTuple):
 
 
 class Corridor(NamedTuple):
-    """What the ego sweeps on its way to a lateral target, and how it moves along [m, m/s]."""
+    """What the ego sweeps on its way to a lateral target.
+
+    Attributes:
+        low: Right edge [m].
+        high: Left edge [m].
+        own_low: Right edge of what it covers now [m].
+        own_high: Left edge of it [m].
+        left: Whether it moves to the left.
+        right: Whether it moves to the right.
+        speed: Its speed along the road [m/s].
+        reach: Distance of centres beyond which no body ahead binds [m].
+    """
 
     low: float
     high: float
@@ -88,6 +109,7 @@ class Corridor(NamedTuple):
     left: bool
     right: bool
     speed: float
+    reach: float
 
 
 def lateral_response(samples: int) -> FloatArray:
@@ -123,18 +145,30 @@ def lateral_extent(e: Any, target: float, horizon: float) -> tuple[float, float]
 
 
 @njit
-def corridor(e: Any, target: float, horizon: float, o: Switches) -> Corridor:
-    """Corridor of an ego to a lateral target [m] under a planning horizon [s], a margin on both sides."""
+def reach(speed: float, tc: float) -> float:
+    """Distance of centres beyond which a body ahead asks for no less than 3 m/s2, whatever it does [m].
+
+    Derivation: it moves at v_l >= 0, so Eq. (SCA) gives at least 2 (gap - 3.6 v - T_c v) / T_c^2, which is 3 m/s2
+    at gap = 3.6 v + T_c v + 1.5 T_c^2. To stop from v + 0.2 m/s takes less than 3.6 v + 3 m up to 13.89 m/s.
+    IR shifts a by at most 0.92 m/s2, so such a body is never the binding one where another asks for 2 m/s2.
+    """
+    return (SAFE_HEADWAY_S + tc) * speed + 1.5 * tc * tc + 3.0 + VEHICLE_LENGTH_M
+
+
+@njit
+def corridor(e: Any, target: float, tc: float, o: Switches) -> Corridor:
+    """Corridor of an ego to a lateral target [m], planned within max(T_c, 3 s), with a margin on both sides."""
     low, high = min(e.d, target), max(e.d, target)
     if o.excursion:
-        low, high = lateral_extent(e, target, horizon)
-    own = 0.5 * VEHICLE_WIDTH_M + LATERAL_MARGIN_M
-    half, sine, cosine = own, math.sin(e.heading), math.cos(e.heading)
+        low, high = lateral_extent(e, target, max(tc, HORIZON_S))
+    half = own = 0.5 * VEHICLE_WIDTH_M + LATERAL_MARGIN_M
+    cosine = math.cos(e.heading)
     if o.turned_body:
+        sine = math.sin(e.heading)
         half = 0.5 * (VEHICLE_WIDTH_M * cosine + VEHICLE_LENGTH_M * abs(sine)) + LATERAL_MARGIN_M
     return Corridor(
         low - half, high + half, e.d - own, e.d + own, high > e.d + TOWARDS_M, low < e.d - TOWARDS_M,
-        e.speed * cosine,
+        e.speed * cosine, math.inf if o.least_binding else reach(e.speed, tc),
     )  # fmt: skip
 
 
@@ -169,15 +203,17 @@ def pedestrian_counts(gap: float, d: float, walking: float, low: float, high: fl
     return leaves > arrives
 
 
-@njit
-def _vehicle_limits(e: Any, v: Any, c: Corridor, horizon: float, o: Switches) -> tuple[float, float, float]:
-    """SCA of a car as preceding and as following object, stopping bound; inf, -inf, inf if it does not count."""
+@_inlined
+def _vehicle_limits(e: Any, v: Any, c: Corridor, tc: float, o: Switches) -> tuple[float, float, float]:
+    """SCA of a car as preceding and as following object, and its stopping bound; inf, -inf, inf if it is none."""
+    ds = v.s - e.s
+    if v.present == 0 or ds > c.reach:
+        return math.inf, -math.inf, math.inf
     drift, other = 0.0, v.speed
     if v.heading != 0.0:
         drift, other = v.speed * math.sin(v.heading) * HORIZON_S, v.speed * math.cos(v.heading)
     if not (o.all_lanes or _overlaps(c.low, c.high, v.d, drift, VEHICLE_WIDTH_M)):
         return math.inf, -math.inf, math.inf
-    ds = v.s - e.s
     gap = bumper_gap(ds, VEHICLE_LENGTH_M)
     if gap <= 0.0:
         # By driving on, nobody runs into a body beside his rear half: only by moving towards it.
@@ -186,21 +222,21 @@ def _vehicle_limits(e: Any, v: Any, c: Corridor, horizon: float, o: Switches) ->
     safe = SAFE_HEADWAY_S * c.speed
     if ds > 0.0:
         bound = stopping_bound(gap, e.speed, other) if o.reserve else math.inf
-        return sca(gap, safe, other - c.speed, horizon), -math.inf, bound
+        return sca(gap, safe, other - c.speed, tc), -math.inf, bound
     own = _overlaps(c.own_low, c.own_high, v.d, 0.0, VEHICLE_WIDTH_M)
     if own and not o.followers:
         return math.inf, -math.inf, math.inf
     if o.reserve and not own and not follower_can_brake(gap, c.speed, other):
         return math.inf, math.inf, math.inf
-    return math.inf, sca(-gap, safe, other - c.speed, horizon), math.inf
+    return math.inf, sca(-gap, safe, other - c.speed, tc), math.inf
 
 
-@njit
-def _pedestrian_limits(e: Any, p: Any, c: Corridor, horizon: float, o: Switches) -> tuple[float, float]:
-    """SCA and stopping bound of a pedestrian ahead or alongside; inf where he does not count."""
+@_inlined
+def _pedestrian_limits(e: Any, p: Any, c: Corridor, tc: float, o: Switches) -> tuple[float, float]:
+    """SCA and stopping bound of a pedestrian ahead or alongside; inf where he is none."""
     ds = p.s - e.s
     gap = bumper_gap(ds, PEDESTRIAN_SIZE_M)
-    if p.state != CROSSING or (ds <= 0.0 and gap > 0.0):
+    if p.state != CROSSING or ds > c.reach or (ds <= 0.0 and gap > 0.0):
         return math.inf, math.inf
     if not o.all_lanes and not pedestrian_counts(max(gap, 0.0), p.d, p.lateral_speed, c.low, c.high, e.speed):
         return math.inf, math.inf
@@ -208,29 +244,23 @@ def _pedestrian_limits(e: Any, p: Any, c: Corridor, horizon: float, o: Switches)
         towards = c.left if p.d > e.d else c.right
         return (math.inf if ds <= 0.0 and not towards else -math.inf), math.inf
     bound = stopping_bound(gap, e.speed, 0.0) if o.reserve else math.inf
-    return sca(gap, SAFE_HEADWAY_S * c.speed, -c.speed, horizon), bound
+    return sca(gap, SAFE_HEADWAY_S * c.speed, -c.speed, tc), bound
 
 
-@njit
+@_inlined
 def _limits(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, horizon: float,
+    ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, tc: float,
     importance: FloatArray, o: Switches,
 ) -> tuple[float, float]:  # fmt: skip
     """Safe critical accelerations (a_pre, a_follow) on the way to a target; inf and -inf where it is empty."""
     e = ego[i]
-    c = corridor(e, target, max(horizon, HORIZON_S), o)
+    c = corridor(e, target, tc, o)
     sign = -1.0 if o.least_binding else 1.0
     pre, pre_key, reserve = math.inf, math.inf, math.inf
     follow, follow_key = -math.inf, -math.inf
     count = vehicles.shape[1]
-    for j in range(count + pedestrians.shape[1]):
-        back = -math.inf
-        if j >= count:
-            a, bound = _pedestrian_limits(e, pedestrians[i, j - count], c, horizon, o)
-        elif vehicles[i, j].present == 0:
-            continue
-        else:
-            a, back, bound = _vehicle_limits(e, vehicles[i, j], c, horizon, o)
+    for j in range(count):
+        a, back, bound = _vehicle_limits(e, vehicles[i, j], c, tc, o)
         reserve = min(reserve, bound)
         weight = K2 * importance[i, j] + B2
         # The binding object has the least a - Linear(IR); the paper prints the greatest a + Linear(IR).
@@ -238,6 +268,12 @@ def _limits(
             pre, pre_key = a, sign * a - weight
         if back + weight > follow_key:
             follow, follow_key = back, back + weight
+    for j in range(pedestrians.shape[1]):
+        a, bound = _pedestrian_limits(e, pedestrians[i, j], c, tc, o)
+        reserve = min(reserve, bound)
+        weight = K2 * importance[i, count + j] + B2
+        if a < math.inf and sign * a - weight < pre_key:
+            pre, pre_key = a, sign * a - weight
     return min(pre, reserve), follow
 
 
@@ -248,40 +284,45 @@ def _conflict(pre: float, follow: float) -> bool:
 
 
 @njit
-def _guard_world(
-    ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, command: float,
-    horizon: float, importance: FloatArray, o: Switches,
-) -> tuple[float, float, bool, float, float]:  # fmt: skip
-    """Alg. 2 for world i: target, acceleration, whether it intervened, a_pre, a_follow."""
-    pre, follow = _limits(ego, vehicles, pedestrians, i, target, horizon, importance, o)
-    flagged = _conflict(pre, follow)
-    if flagged:
-        centre, kept = lane_centre(nearest_lane(ego[i].d)), ego[i].target_d
-        if abs(centre - target) > SAME_TARGET_M:
-            target = centre
-            pre, follow = _limits(ego, vehicles, pedestrians, i, target, horizon, importance, o)
-        if o.hold and _conflict(pre, follow) and abs(kept - target) > SAME_TARGET_M:
-            kept_pre, kept_follow = _limits(ego, vehicles, pedestrians, i, kept, horizon, importance, o)
-            if kept_pre > pre or not _conflict(kept_pre, kept_follow):
-                target, pre, follow = kept, kept_pre, kept_follow
-    if not follow <= command <= pre:
-        flagged = True
-        command = pre if o.printed_longitudinal else min(max(command, follow), pre)
-    command = min(max(command, ACCELERATION_MIN_MPS2), ACCELERATION_MAX_MPS2)
-    return target, command, flagged, pre, follow
-
-
-@njit
 def guard_kernel(
     ego: Records, vehicles: Records, pedestrians: Records, targets: FloatArray, accelerations: FloatArray,
-    horizons: FloatArray, importance: FloatArray, options: Switches,
-    safe_targets: FloatArray, safe_accelerations: FloatArray, intervened: BoolArray, limits: FloatArray,
-) -> None:  # fmt: skip
-    """Alg. 2 for every world; the last four arrays are written, limits (N, 2) with a_pre and a_follow."""
+    horizons: FloatArray, importance: FloatArray, o: Switches, out: FloatArray, intervened: BoolArray,
+) -> int:  # fmt: skip
+    """Alg. 2 for every world; the last two arrays are written.
+
+    Rows of out (5, N): target, acceleration, planning horizon, a_pre, a_follow.
+
+    Returns:
+        -1, or the first world whose T_c is not positive and finite.
+    """
     for i in range(ego.shape[0]):
-        safe_targets[i], safe_accelerations[i], intervened[i], limits[i, 0], limits[i, 1] = _guard_world(
-            ego, vehicles, pedestrians, i, targets[i], accelerations[i], horizons[i], importance, options
-        )
+        if not 0.0 < horizons[i] < math.inf:
+            return i
+        target, pre, follow, flagged = targets[i], -math.inf, math.inf, False
+        candidate = target
+        # The proposed target; else the lane's centre, d_fn = 0; else what was executed before.
+        for attempt in range(3 if o.hold else 2):
+            if attempt > 0:
+                flagged = True
+                candidate = lane_centre(nearest_lane(ego[i].d)) if attempt == 1 else ego[i].target_d
+                if abs(candidate - target) <= SAME_TARGET_M:
+                    continue
+            a, b = _limits(ego, vehicles, pedestrians, i, candidate, horizons[i], importance, o)
+            free = not _conflict(a, b)
+            if free or attempt < 2 or a > pre or a == pre > -math.inf:
+                target, pre, follow = candidate, a, b
+            if free:
+                break
+        command = accelerations[i]
+        if not follow <= command <= pre:
+            flagged = True
+            command = pre if o.printed_longitudinal else min(max(command, follow), pre)
+        out[0, i] = target
+        out[1, i] = min(max(command, ACCELERATION_MIN_MPS2), ACCELERATION_MAX_MPS2)
+        out[2, i] = max(horizons[i], HORIZON_S)
+        out[3, i], out[4, i] = pre, follow
+        intervened[i] = flagged
+    return -1
 
 
 def require_horizon(tc: float) -> float:
@@ -299,7 +340,7 @@ class SafetyGuard:
     """Alg. 2 with a fixed T_c: a `Shield`.
 
     Attributes:
-        tc: Adjustment time of each world, shape (N,) [s], or the fixed value.
+        tc: The fixed T_c [s].
         options: Readings of Alg. 2.
         limits: a_pre and a_follow of the last call, shape (N, 2) [m/s2].
     """
@@ -309,6 +350,8 @@ class SafetyGuard:
         self.tc = require_horizon(tc)
         self.options = options or GuardOptions()
         self.limits = np.zeros((0, 2))
+        self._fixed_horizons = np.zeros(0)
+        self._no_importance = np.zeros((0, 0))
         self._switches = Switches(*dataclasses.astuple(self.options))
 
     def begin(self, seed: np.random.SeedSequence) -> None:
@@ -319,23 +362,32 @@ class SafetyGuard:
 
     def horizons(self, world: World) -> FloatArray:
         """T_c of every world, (N,) [s]."""
-        return np.full(len(world), self.tc)
+        if len(self._fixed_horizons) != len(world):
+            self._fixed_horizons = np.full(len(world), self.tc)
+        return self._fixed_horizons
 
     def importance(self, world: World) -> FloatArray:
         """IR of every vehicle, then every pedestrian, (N, V + P) in [0, 1]; a fixed guard ranks nobody."""
-        return np.zeros((len(world), world.vehicles.shape[1] + world.pedestrians.shape[1]))
+        shape = (len(world), world.vehicles.shape[1] + world.pedestrians.shape[1])
+        if self._no_importance.shape != shape:
+            self._no_importance = np.zeros(shape)
+        return self._no_importance
 
     def filter(
         self, world: World, targets: FloatArray, accelerations: FloatArray
     ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-        """See `envs.world.Shield.filter`; the planner's horizon is max(T_c, 3 s)."""
-        n = len(world)
-        horizons = self.horizons(world)
-        safe_targets, safe_accelerations = np.empty(n), np.empty(n)
-        intervened = np.empty(n, np.bool_)
-        self.limits = np.empty((n, 2))
-        guard_kernel(
+        """See `envs.world.Shield.filter`; the planner's horizon is max(T_c, 3 s).
+
+        Raises:
+            ValueError: A T_c is not positive or not finite.
+        """
+        n, horizons = len(world), self.horizons(world)
+        out, intervened = np.empty((5, n)), np.empty(n, np.bool_)
+        bad = guard_kernel(
             world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons,
-            self.importance(world), self._switches, safe_targets, safe_accelerations, intervened, self.limits,
+            self.importance(world), self._switches, out, intervened,
         )  # fmt: skip
-        return safe_targets, safe_accelerations, intervened, np.maximum(horizons, HORIZON_S)
+        if bad >= 0:
+            raise ValueError(f"T_c = {horizons[bad]} s in world {bad}: must be positive and finite.")
+        self.limits = out[3:].T
+        return out[0], out[1], intervened, out[2]

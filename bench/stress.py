@@ -15,7 +15,7 @@ from algorithms.dd_rq import RiskGuard
 from algorithms.method import Actions, Observations, seed_sequence
 from algorithms.reference_drivers import DRIVERS
 from algorithms.risk_training import risk_model
-from algorithms.safety_guard import GuardOptions, SafetyGuard
+from algorithms.safety_guard import GUARD_VERSION, GuardOptions, SafetyGuard
 from bench.errors import UsageError
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX
@@ -56,12 +56,15 @@ class StressResult:
         episodes: Number of episodes.
         seed: Names the stream of episodes and of the driver's draws.
         options: `GuardOptions`; empty for a shield of another kind.
+        guard_version: Version of the guard.
         collisions: Episodes that ended in a collision.
         ego_at_fault: Of these, those that the ego caused (`envs.engine.judge_contact`).
         pedestrian: Of these, contact with a pedestrian.
         rear_ended: Of these, the ego was run into from behind.
         side: Of these, side contact.
         ahead: Of these, the ego ran into a car ahead.
+        off_road: Episodes that ended off the road.
+        timed_out: Episodes that ended at the time limit.
         intervention_ratio: Flagged steps / all steps of 0.1 s.
         altered_share: Steps whose action was really changed / all steps of 0.1 s.
         mean_speed_mps: Distance / time of each episode, then the mean [m/s].
@@ -74,12 +77,15 @@ class StressResult:
     episodes: int
     seed: int
     options: dict[str, bool]
+    guard_version: int
     collisions: int
     ego_at_fault: int
     pedestrian: int
     rear_ended: int
     side: int
     ahead: int
+    off_road: int
+    timed_out: int
     intervention_ratio: float
     altered_share: float
     mean_speed_mps: float
@@ -259,6 +265,7 @@ class _Totals:
     def __init__(self) -> None:
         self.episodes = self.steps = self.interventions = self.altered = self.at_fault = 0
         self.faults = np.zeros(len(Fault), np.int64)
+        self.endings = np.zeros(len(Ending), np.int64)
         self.speed = 0.0
         self.collided: list[int] = []
         self.closest: list[tuple[float, int]] = []
@@ -272,6 +279,7 @@ class _Totals:
         self.altered += int(finished["altered"].sum())
         self.at_fault += int(finished["ego_at_fault"].sum())
         self.faults += np.bincount(finished["fault"][hit], minlength=len(Fault))
+        self.endings += np.bincount(finished["ending"], minlength=len(Ending))
         self.speed += float((finished["distance"] / (finished["steps"] * STEP_S)).sum())
         self.collided += finished["episode"][hit].tolist()
         pairs = zip(finished["ttc_min"].tolist(), finished["episode"].tolist(), strict=True)
@@ -287,12 +295,15 @@ class _Totals:
             episodes=self.episodes,
             seed=seed,
             options=options,
+            guard_version=GUARD_VERSION,
             collisions=len(self.collided),
             ego_at_fault=self.at_fault,
             pedestrian=int(self.faults[Fault.PEDESTRIAN]),
             rear_ended=int(self.faults[Fault.REAR_ENDED]),
             side=int(self.faults[Fault.SIDE]),
             ahead=int(self.faults[Fault.AHEAD]),
+            off_road=int(self.endings[Ending.OFF_ROAD]),
+            timed_out=int(self.endings[Ending.TIME_OUT]),
             intervention_ratio=self.interventions / self.steps,
             altered_share=self.altered / self.steps,
             mean_speed_mps=self.speed / self.episodes,

@@ -53,6 +53,7 @@ def test_actions_of_the_driving_agent_by_hand() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("mode", "entries"), [(ActionMode.ACCELERATION, 2), (ActionMode.PLANNING, 3)])
 def test_the_first_entry_that_is_not_finite_is_named(mode: ActionMode, entries: int, value: float) -> None:
+    assert VALID < 0
     for place in range(3 * entries):
         actions = np.ones(3 * entries)
         actions[place:] = value

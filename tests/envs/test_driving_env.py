@@ -575,13 +575,14 @@ def test_returned_arrays_are_not_overwritten_by_later_steps() -> None:
 
 @kernels
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(bad: float) -> None:
+@pytest.mark.parametrize(("world", "entry"), [(0, 0), (0, 1), (2, 1)])
+def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(world: int, entry: int, bad: float) -> None:
     env = driving_env("a", 3)
     env.reset(seed=0)
     before = env.world.copy()
     wrong = np.zeros((3, 2))
-    wrong[2, 1] = bad
-    with pytest.raises(ValueError, match=f"Action entry 1 of world 2 is {bad}: must be finite"):
+    wrong[world, entry] = bad
+    with pytest.raises(ValueError, match=f"Action entry {entry} of world {world} is {bad}: must be finite"):
         env.step(wrong)
     assert env.world.ego.tobytes() == before.ego.tobytes()
     assert env.decisions == 0

@@ -253,6 +253,15 @@ def test_a_lane_change_is_given_up_for_a_car_ahead_that_changes_into_the_same_la
 
 
 @kernels
+def test_who_gives_way_reckons_with_the_others_speed_along_the_own_heading() -> None:
+    # Parallel at 0.5 rad, 8 against 10 m/s: the desired gap is 27.58 m, as above, and 30 m are enough.
+    changing = {"s": 0.0, "d": -3.5, "speed": 10.0, "heading": 0.5, "target_lane": 1}
+    other = {"s": 30.0, "d": 3.5, "speed": 8.0, "heading": 0.5, "target_lane": 1}
+    assert chosen_lane([changing, other]) == 1
+    assert chosen_lane([changing, {**other, "s": 27.0}]) == 0
+
+
+@kernels
 @pytest.mark.parametrize(
     ("d", "heading", "speed", "lane"),
     [(0.3, 0.02, 10.0, 1), (3.0, -0.05, 8.0, 2), (-3.4, 0.0, 5.0, 0), (0.1, 3.1, 10.0, 1), (0.1, -3.1, 10.0, 1)],
