@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +26,10 @@ MEASURED_S: Final = 0.4
 """Length of one engine repeat [s]."""
 ORACLE_S: Final = 0.3
 """Length of one highway-env repeat [s]."""
+PERCEIVED_M: Final = 200.0
+"""highway-env's perception distance [m]."""
+THREAD_WORLDS: Final = 256
+"""Worlds by which two threads are compared with one: at 64 a step lasts 0.2 ms, of which waking one is a tenth."""
 DRAWN: Final = 256
 """Decisions for which actions are drawn beforehand."""
 FIRST_STEP_REPEATS: Final = 3
@@ -87,31 +92,42 @@ class Meter:
 
 
 class OracleMeter:
-    """highway-env's classes on the same scenario, driven by random actions held for one decision."""
+    """highway-env's classes on the same scenario, driven by random actions held for one decision.
+
+    Like the engine it gives rewards, costs and endings at every step and an observation at every decision:
+    highway-env's own `KinematicObservation` of the ego and the vehicles. `dynamics` leaves the observation out.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
+        from highway_env.envs.common.observation import KinematicObservation
+
         from envs.highway import HighwayOracle
 
         self._build: Callable[..., Any] = HighwayOracle
+        self._observe: Callable[..., Any] = KinematicObservation
         self._scenario = scenario
         self._starts = sample_initial_worlds(scenario, np.random.SeedSequence(0), 256)
         self._rng = np.random.default_rng(0)
         self._row = 0
         self.repeat(ORACLE_S / 3)
 
-    def repeat(self, seconds: float) -> Rate:
+    def repeat(self, seconds: float, observed: bool = True) -> Rate:
         """Steps per second over so many seconds, without the time that building a world takes."""
         steps, elapsed, cpu = 0, 0.0, 0.0
         while elapsed < seconds:
             oracle = self._build(self._scenario, self._starts, self._row % 256)
             self._row += 1
+            view = SimpleNamespace(road=oracle.road, vehicle=oracle.ego, PERCEPTION_DISTANCE=PERCEIVED_M)
+            observation = self._observe(view, vehicles_count=self._scenario.vehicles + 1)
             targets = self._rng.uniform(-LANE_WIDTH_M, LANE_WIDTH_M, 200)
             accelerations = self._rng.uniform(-2.0, 2.0, 200)
             start, start_cpu = time.perf_counter(), time.process_time()
             for i in range(1000):
-                decision = i // self._scenario.substeps % 200
+                decision, first = divmod(i, self._scenario.substeps)
+                if observed and first == 0:
+                    observation.observe()
                 steps += 1
-                outcome = oracle.step(float(targets[decision]), float(accelerations[decision]))
+                outcome = oracle.step(float(targets[decision % 200]), float(accelerations[decision % 200]))
                 if outcome.ending != Ending.RUNNING or time.perf_counter() - start > seconds:
                     break
             elapsed += time.perf_counter() - start
@@ -145,11 +161,12 @@ def engine(scenario_name: str = "a", worlds: int = 64, repeats: int = 7) -> dict
         raise UsageError(str(error)) from error
     single = Meter.build(scenario, worlds, threads=1)
     oracle = OracleMeter(scenario)
-    rates, oracle_rates = [], []
+    rates, oracle_rates, unobserved = [], [], []
     with _one_core():
         for _ in range(repeats):
             rates.append(single.repeat(MEASURED_S))
             oracle_rates.append(oracle.repeat(ORACLE_S))
+            unobserved.append(oracle.repeat(ORACLE_S, observed=False))
     rate = statistics.median(rate.wall for rate in rates)
     oracle_rate = statistics.median(rate.wall for rate in oracle_rates)
     return {
@@ -163,8 +180,9 @@ def engine(scenario_name: str = "a", worlds: int = 64, repeats: int = 7) -> dict
         "world_steps_per_cpu_s": statistics.median(rate.cpu for rate in rates),
         "highway_env_steps_per_s": oracle_rate,
         "highway_env_steps_per_cpu_s": statistics.median(rate.cpu for rate in oracle_rates),
+        "highway_env_unobserved_steps_per_s": statistics.median(rate.wall for rate in unobserved),
         "ratio_vs_highway_env": rate / oracle_rate,
-        **_two_threads(scenario, worlds, repeats, single),
+        **_two_threads(scenario, repeats),
         "first_step_s": first_step_s(scenario, worlds),
         "cpu": cpu_model(),
         "usable_cores": usable_cores(),
@@ -172,13 +190,15 @@ def engine(scenario_name: str = "a", worlds: int = 64, repeats: int = 7) -> dict
     }
 
 
-def _two_threads(scenario: Scenario, worlds: int, repeats: int, single: Meter) -> dict[str, Any]:
+def _two_threads(scenario: Scenario, repeats: int) -> dict[str, Any]:
     """Interleaved pairs of one thread and two; the median of their ratios."""
     if usable_cores() < 2:
-        return {"world_steps_per_s_two_threads": None, "two_thread_scaling": None}
-    double = Meter.build(scenario, worlds, threads=2)
+        return {"two_thread_worlds": THREAD_WORLDS, "two_thread_scaling": None}
+    single, double = (Meter.build(scenario, THREAD_WORLDS, threads) for threads in (1, 2))
     pairs = [(single.repeat(MEASURED_S).wall, double.repeat(MEASURED_S).wall) for _ in range(repeats)]
     return {
+        "two_thread_worlds": THREAD_WORLDS,
+        "world_steps_per_s_one_thread": statistics.median(one for one, _ in pairs),
         "world_steps_per_s_two_threads": statistics.median(two for _, two in pairs),
         "two_thread_scaling": statistics.median(two / one for one, two in pairs),
     }
@@ -208,8 +228,8 @@ def as_text(measured: dict[str, Any]) -> str:
             f"engine, one core       {measured['world_steps_per_s']:>12,.0f} world-steps/s",
             f"highway-env, one core  {measured['highway_env_steps_per_s']:>12,.0f} steps/s "
             f"(engine: {measured['ratio_vs_highway_env']:,.0f} times)",
-            "two threads            "
-            + ("   not measured: one core" if scaling is None else f"{scaling:>12.2f} times one"),
+            f"two threads            {'not measured: one core' if scaling is None else f'{scaling:>12.2f} times one'}"
+            f" ({measured['two_thread_worlds']} worlds)",
             f"first step of a process{measured['first_step_s']:>12.2f} s after its start",
         )
     )

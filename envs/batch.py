@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from envs.compiled import njit
+from envs.compiled import njit, njit_parallel
 from envs.geometry import lane_centre, nearest_lane
 from envs.motion import HORIZON_S, TARGET_MAX_M
 from envs.observation import write_observation
@@ -133,7 +134,27 @@ def observe(
     slots = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.int64)
     keys = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.float64)
     for i in worlds:
-        if active[i]:
-            write_observation(ego, vehicles, pedestrians, i, out[i], slots, keys)
-        else:
-            out[i, :] = 0.0
+        _observe_world(ego, vehicles, pedestrians, active, i, out, slots, keys)
+
+
+@njit_parallel
+def observe_parallel(
+    ego: Records, vehicles: Records, pedestrians: Records, active: BoolArray, worlds: npt.NDArray[np.int64],
+    out: npt.NDArray[np.float32],
+) -> None:  # fmt: skip
+    """`observe` with the worlds shared among numba's threads."""
+    slots = np.empty((len(worlds), VEHICLE_SLOTS + PEDESTRIAN_SLOTS), np.int64)
+    keys = np.empty((len(worlds), VEHICLE_SLOTS + PEDESTRIAN_SLOTS), np.float64)
+    for k in numba.prange(len(worlds)):
+        _observe_world(ego, vehicles, pedestrians, active, worlds[k], out, slots[k], keys[k])
+
+
+@njit
+def _observe_world(
+    ego: Records, vehicles: Records, pedestrians: Records, active: BoolArray, i: int,
+    out: npt.NDArray[np.float32], slots: npt.NDArray[np.int64], keys: FloatArray,
+) -> None:  # fmt: skip
+    if active[i]:
+        write_observation(ego, vehicles, pedestrians, i, out[i], slots, keys)
+    else:
+        out[i, :] = 0.0

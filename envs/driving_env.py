@@ -133,6 +133,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._source_given = source is not None
         self.decision_limit = decision_limit
         self._threads = threads
+        self._advance_worlds = engine.advance if threads == 1 else engine.advance_parallel
+        self._observe_worlds = batch.observe if threads == 1 else batch.observe_parallel
         self._autoreset = autoreset
         self._next_episode = 0
         self._chunk: tuple[int, World] | None = None
@@ -206,6 +208,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             ValueError: Wrong shape, or a value that is not finite, from the policy or the shield.
             BudgetExceededError: The decision limit is used up.
         """
+        if self._threads > 1:
+            numba.set_num_threads(self._threads)
         self._interpret(actions)
         if self.decision_limit is not None and self.decisions >= self.decision_limit:
             raise BudgetExceededError(f"The budget of {self.decision_limit} decisions per world is used up.")
@@ -272,11 +276,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self, targets: FloatArray, commands: FloatArray, intervened: BoolArray, horizons: FloatArray, substeps: int
     ) -> None:
         """Some steps of 0.1 s under executed actions, which may differ from the proposed ones."""
-        kernel = engine.advance if self._threads == 1 else engine.advance_parallel
-        if self._threads > 1:
-            numba.set_num_threads(self._threads)
         world = self.world
-        kernel(
+        self._advance_worlds(
             world.ego, world.vehicles, world.pedestrians, world.episode, targets, commands, horizons, self._speeds,
             self._targets, self._commands, intervened, substeps,
             self._planning, self.scenario.lane_changes, self._fair, self._cost_signal, self._sums,
@@ -284,7 +285,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
 
     def _observe(self, worlds: npt.NDArray[np.int64]) -> None:
         world = self.world
-        batch.observe(world.ego, world.vehicles, world.pedestrians, self.active, worlds, self._observations)
+        self._observe_worlds(world.ego, world.vehicles, world.pedestrians, self.active, worlds, self._observations)
 
     def _finish(self, done: BoolArray) -> Records:
         """Keep the records of finished worlds and begin their next episodes."""
