@@ -12,7 +12,7 @@ from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
 from algorithms.sac import SETTING_NAMES, train_sac
-from algorithms.safety_guard import GuardOptions, SafetyGuard, require_horizon
+from algorithms.safety_guard import GUARD_VERSION, GuardOptions, SafetyGuard, require_horizon
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
@@ -106,7 +106,7 @@ class FixedGuard(Method):
     ``reserve=false`` switches the guard's correction off, ``literal=true`` switches to the printed Alg. 2.
     """
 
-    version = 1
+    version = GUARD_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "reserve": True, "literal": False}
     setting_names = SETTING_NAMES
 
@@ -137,7 +137,7 @@ class DDRQ(Method):
     scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi.
     """
 
-    version = 1
+    version = GUARD_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model"}
     setting_names = SETTING_NAMES
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from algorithms.method import Actions, Method, Observations, Policy, Shield, Task
-from algorithms.safety_guard import SafetyGuard, require_horizon
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon
 from envs.driving_env import action_space
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2
@@ -266,7 +266,7 @@ class Cruise(ReferenceDriver):
 class GuardedDriver(Method):
     """A scripted driver behind the safety guard with a fixed T_c."""
 
-    version = 1
+    version = GUARD_VERSION
     trains = False
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0}
     policy: ClassVar[type[ScriptedPolicy]]

@@ -29,7 +29,7 @@ from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 F = TypeVar("F", bound=Callable[..., Any])
 
 GUARD_VERSION: Final = 3
-"""Raised by every change that alters what the guard does."""
+"""Raised by every change that alters what the guard does; also the version of the methods behind it."""
 LATERAL_MARGIN_M: Final = 0.3
 """Kept on either side of the swept corridor."""
 CROSSING_MARGIN_S: Final = 0.3
