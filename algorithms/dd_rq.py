@@ -7,12 +7,13 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from algorithms.guard_options import GuardOptions
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
 from algorithms.sac import SETTING_NAMES, train_sac
-from algorithms.safety_guard import GUARD_VERSION, GuardOptions, SafetyGuard, require_horizon
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from algorithms.safety_guard import GUARD_VERSION, GuardOptions
+from algorithms.guard_options import GuardOptions
+from algorithms.safety_guard import GUARD_VERSION
 from bench.atomic import write_file
 from bench.stress import FULL_THROTTLE_LANE_CHANGE, RANDOM, stress_guard
 from envs.scenario import get_scenario

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from algorithms.dd_rq import RiskGuard
+from algorithms.guard_options import GuardOptions
 from algorithms.method import Actions, Observations, seed_sequence
 from algorithms.reference_drivers import DRIVERS
 from algorithms.risk_training import risk_model
-from algorithms.safety_guard import GUARD_VERSION, GuardOptions, SafetyGuard
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
 from bench.errors import UsageError
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX

@@ -62,6 +62,12 @@ def njit(function: F) -> F:
     return cast(F, compiled)
 
 
+def njit_inlined(function: F) -> F:
+    """The same, always compiled into its caller: handing over records and arrays costs 0.1 us a call."""
+    compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return cast(F, compiled)
+
+
 def njit_parallel(function: F) -> F:
     """The same with `prange` over worlds on numba's threads."""
     compiled: Any = numba.njit(cache=True, error_model="numpy", parallel=True)(function)

@@ -8,18 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from algorithms.corridor import corridor, lateral_extent, lateral_response, pedestrian_counts, reach
 from algorithms.critical_acceleration import sca, stopping_bound
-from algorithms.safety_guard import (
-    GuardOptions,
-    SafetyGuard,
-    Switches,
-    corridor,
-    lateral_extent,
-    lateral_response,
-    pedestrian_counts,
-    reach,
-    require_horizon,
-)
+from algorithms.guard_options import GuardOptions, Switches
+from algorithms.safety_guard import SafetyGuard, require_horizon
 from envs.motion import plan_lateral
 from envs.world import CROSSING, GONE, WAITING, World, empty_world
 
