@@ -1,4 +1,7 @@
-"""Alg. 1: roll the driving agent out in randomised traffic, then clone its T_c with the risk network."""
+"""Alg. 1: roll the driving agent out in randomised traffic, then clone its T_c with the risk network.
+
+Or, for dd-rq-plus, learn from the same roll-outs how likely contact is within 3 s.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy import stats
+from scipy import special, stats
 from torch.nn import functional
 
 from algorithms.artefacts import cached, digest
@@ -22,6 +25,10 @@ from envs.layout import EpisodeSource
 from envs.scenario import Scenario, get_scenario
 from envs.world import FloatArray
 
+PLANNING_TIME, CONTACT = "planning time", "contact"
+"""What the network learns: the agent's T_c [s] by mean squared error, or the probability of contact within
+CONTACT_WITHIN_S by cross-entropy."""
+CONTACT_WITHIN_S: Final = 3.0
 VERSION: Final = 1
 """Raised by every change that alters the trained model."""
 WORLDS: Final = 256
@@ -42,6 +49,7 @@ class RiskSettings:
         patience: Epochs without a better held-out error before training stops.
         learning_rate: Adam's.
         seed: Of data set, initial weights and batches.
+        label: `PLANNING_TIME` or `CONTACT`.
     """
 
     samples: int = 300_000
@@ -50,11 +58,14 @@ class RiskSettings:
     patience: int = 3
     learning_rate: float = 1e-3
     seed: int = 0
+    label: str = PLANNING_TIME
 
     @classmethod
-    def for_agent(cls, agent_steps: int) -> RiskSettings:
+    def for_agent(cls, agent_steps: int, label: str = PLANNING_TIME) -> RiskSettings:
         """The paper's data set; a hundredth of it where the agent is barely trained (smoke runs)."""
-        return cls() if agent_steps >= FULL_DATA_STEPS else cls(samples=3_000, batch=256, epochs=2)
+        if agent_steps >= FULL_DATA_STEPS:
+            return cls(label=label)
+        return cls(samples=3_000, batch=256, epochs=2, label=label)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,23 +90,51 @@ def randomised(scenario: Scenario) -> Scenario:
 
 
 def collect(policy: Policy, scenario: Scenario, settings: RiskSettings) -> Samples:
-    """Pairs (X, T_c) of the deterministic driving agent in randomised traffic, seconds for 300,000."""
+    """Pairs of X and label of the deterministic driving agent in randomised traffic, seconds for 300,000."""
     variant = randomised(scenario)
     source = EpisodeSource(variant, seed_sequence("risk data", variant.id, settings.seed))
     env = DrivingVectorEnv(variant, WORLDS, source=source, action_mode=policy.action_mode, comfort=False)
     observations, _ = env.reset()
-    kept, labels = [], []
-    for _ in range(-(-settings.samples // WORLDS)):
+    kept, times, contacts, ends = [], [], [], []
+    ahead = round(CONTACT_WITHIN_S / variant.decision_period_s) if settings.label == CONTACT else 1
+    decisions = -(-settings.samples // WORLDS)
+    for _ in range(decisions + ahead - 1):
         actions = policy.act(observations)
         kept.append(observations)
-        labels.append(actions[:, 0].astype(np.float32))
-        observations, *_ = env.step(actions)
-    world = np.tile(np.arange(WORLDS), len(kept))
+        times.append(actions[:, 0].astype(np.float32))
+        observations, _, terminated, truncated, info = env.step(actions)
+        contacts.append(info["cost"] > 0.0)
+        ends.append(terminated | truncated)
+    labels = np.array(times[:decisions])
+    if settings.label == CONTACT:
+        labels = contact_within(np.array(contacts), np.array(ends), ahead)[:decisions].astype(np.float32)
+    world = np.tile(np.arange(WORLDS), decisions)
     return Samples(
-        np.concatenate(kept)[: settings.samples],
-        np.concatenate(labels)[: settings.samples],
+        np.concatenate(kept[:decisions])[: settings.samples],
+        labels.reshape(-1)[: settings.samples],
         (world < HELD_OUT_WORLDS)[: settings.samples],
     )
+
+
+def contact_within(
+    contacts: npt.NDArray[np.bool_], ends: npt.NDArray[np.bool_], decisions: int
+) -> npt.NDArray[np.bool_]:
+    """Whether the running episode ends in contact within so many decisions, this one included.
+
+    Args:
+        contacts: Whether a decision ended in contact, shape (T, N).
+        ends: Whether it ended the episode, shape (T, N).
+        decisions: At least 1.
+
+    Returns:
+        Shape (T, N); the last rows look only as far as there are decisions.
+    """
+    within = contacts.copy()
+    for _ in range(decisions - 1):
+        later = np.zeros_like(within)
+        later[:-1] = within[1:] & ~ends[:-1]
+        within = contacts | later
+    return within
 
 
 def _predict(network: RiskNetwork, x: torch.Tensor) -> torch.Tensor:
@@ -106,7 +145,7 @@ def _predict(network: RiskNetwork, x: torch.Tensor) -> torch.Tensor:
 def fit(
     samples: Samples, settings: RiskSettings, architecture: RiskArchitecture, progress: Callable[[str], None]
 ) -> tuple[RiskNetwork, dict[str, Any]]:
-    """Train the network by mean squared error with early stopping; network and its held-out figures."""
+    """Train the network on its label's loss with early stopping; network and its held-out figures."""
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(settings.seed)
     with torch.random.fork_rng():
@@ -115,8 +154,11 @@ def fit(
     x, y = torch.from_numpy(samples.observations), torch.from_numpy(samples.labels)
     held_out = torch.from_numpy(samples.held_out)
     x_train, y_train, x_test, y_test = x[~held_out], y[~held_out], x[held_out], y[held_out]
+    mean = float(y_train.mean())
+    contact = settings.label == CONTACT
+    criterion = functional.binary_cross_entropy_with_logits if contact else functional.mse_loss
     with torch.no_grad():
-        network.head.bias.fill_(float(y_train.mean()))
+        network.head.bias.fill_(float(special.logit(np.clip(mean, 1e-4, 1.0 - 1e-4))) if contact else mean)
     optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
     curve: list[dict[str, float]] = []
     best, best_state = float("inf"), network.state_dict()
@@ -124,28 +166,30 @@ def fit(
         order = torch.randperm(len(x_train), generator=generator)
         total = 0.0
         for index in order.split(settings.batch):
-            loss = functional.mse_loss(network(x_train[index])[0], y_train[index])
+            loss = criterion(network(x_train[index])[0], y_train[index])
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
             total += float(loss.detach()) * len(index)
-        error = float(functional.mse_loss(_predict(network, x_test), y_test))
-        curve.append({"epoch": epoch, "mse_train": total / len(x_train), "mse_held_out": error})
-        progress(f"epoch {epoch}: held-out MSE {error:.4f} s2")
+        error = float(criterion(_predict(network, x_test), y_test))
+        curve.append({"epoch": epoch, "loss_train": total / len(x_train), "loss_held_out": error})
+        progress(f"epoch {epoch}: held-out loss {error:.4f}")
         if error < best:
             best, best_state = error, {k: v.clone() for k, v in network.state_dict().items()}
-        elif epoch - min(range(len(curve)), key=lambda k: curve[k]["mse_held_out"]) >= settings.patience:
+        elif epoch - min(range(len(curve)), key=lambda k: curve[k]["loss_held_out"]) >= settings.patience:
             break
     network.load_state_dict(best_state)
-    return network, _figures(network, x_test, y_test) | {"curve": curve}
+    return network, _figures(network, x_test, y_test, contact) | {"curve": curve}
 
 
-def _figures(network: RiskNetwork, x: torch.Tensor, y: torch.Tensor) -> dict[str, Any]:
-    """Held-out error, and the distribution that the controls draw from."""
+def _figures(network: RiskNetwork, x: torch.Tensor, y: torch.Tensor, contact: bool) -> dict[str, Any]:
+    """Held-out errors, and the distribution that the controls draw from."""
     prediction = _predict(network, x).numpy().astype(np.float64)
+    if contact:
+        prediction = special.expit(prediction)
     label = y.numpy().astype(np.float64)
     mse = float(np.mean((prediction - label) ** 2))
-    return {
+    figures = {
         "mse_held_out": mse,
         "r2_held_out": 1.0 - mse / max(float(label.var()), 1e-12),
         "spearman_held_out": float(stats.spearmanr(prediction, label).statistic),
@@ -154,6 +198,12 @@ def _figures(network: RiskNetwork, x: torch.Tensor, y: torch.Tensor) -> dict[str
         "value_mean": float(prediction.mean()),
         "value_quantiles": np.quantile(prediction, np.linspace(0.0, 1.0, 201)).round(4).tolist(),
     }
+    if contact and 0.0 < label.mean() < 1.0:
+        # The probability that a state before contact ranks above one that is not (ROC AUC, Mann-Whitney).
+        hits = label > 0.5
+        u = stats.mannwhitneyu(prediction[hits], prediction[~hits]).statistic
+        figures["auc_held_out"] = float(u / (hits.sum() * (~hits).sum()))
+    return figures
 
 
 def risk_model(
@@ -165,6 +215,8 @@ def risk_model(
     say: Callable[[str], None] = lambda _text: None,
 ) -> RiskModel:
     """The risk model of a scenario's driving agent, from the cache or trained now.
+
+    With the label `CONTACT` the value that it gives is a logit.
 
     Args:
         scenario: What it is for.
