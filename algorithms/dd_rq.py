@@ -13,7 +13,7 @@ from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
 from algorithms.sac import SETTING_NAMES, train_sac
-from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
@@ -104,23 +104,25 @@ class RiskGuardedPolicy(NetworkPolicy):
 class FixedGuard(Method):
     """SAC behind the safety guard with a fixed T_c (``safety-guard:tc=3.0``).
 
-    ``reserve=false`` switches the guard's correction off, ``literal=true`` switches to the printed Alg. 2.
+    ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the guard's correction off, ``literal=true``
+    switches to the printed Alg. 2.
     """
 
     version = GUARD_VERSION
-    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "reserve": True, "literal": False}
+    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": 1.0, "reserve": True, "literal": False}
     setting_names = SETTING_NAMES
 
     def shield(self) -> SafetyGuard:
         """The guard of these parameters."""
         literal = self.parameters["literal"]
         options = GuardOptions(literal, literal, literal, literal, self.parameters["reserve"])
-        return SafetyGuard(require_horizon(self.parameters["tc"]), options)
+        return SafetyGuard(self.parameters["tc"], options, self.parameters["share"])
 
     def __init__(self, **parameters: Any) -> None:
-        """Check T_c at once, not when training begins."""
+        """Check T_c and share at once, not when training begins."""
         super().__init__(**parameters)
         require_horizon(self.parameters["tc"])
+        require_share(self.parameters["share"])
 
     def train(self, task: Task) -> Policy:
         """Train with the guard between policy and world; r_risk is paid where it intervenes."""

@@ -17,6 +17,7 @@ ENTRY_POINT_GROUP: Final = "bench.methods"
 
 _BUILT_IN: Final[dict[str, str]] = {
     "dd-rq": "algorithms.dd_rq:DDRQ",
+    "dd-rq-plus": "algorithms.dd_rq_plus:DDRQPlus",
     "safety-guard": "algorithms.dd_rq:FixedGuard",
     "sac": "algorithms.sac:SAC",
     "cpo": "algorithms.omnisafe_methods:CPO",

@@ -189,10 +189,11 @@ def _figures(network: RiskNetwork, x: torch.Tensor, y: torch.Tensor, contact: bo
         prediction = special.expit(prediction)
     label = y.numpy().astype(np.float64)
     mse = float(np.mean((prediction - label) ** 2))
+    varies = min(prediction.std(), label.std()) > 0.0
     figures = {
         "mse_held_out": mse,
         "r2_held_out": 1.0 - mse / max(float(label.var()), 1e-12),
-        "spearman_held_out": float(stats.spearmanr(prediction, label).statistic),
+        "spearman_held_out": float(stats.spearmanr(prediction, label).statistic) if varies else None,
         "label_mean": float(label.mean()),
         "label_sd": float(label.std()),
         "value_mean": float(prediction.mean()),
