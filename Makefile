@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed
 REQUIREMENTS := requirements/constraints.txt requirements/omnisafe.txt
 
 # The parts on which every other figure rests.
-COVERED := envs/*,algorithms/critical_acceleration.py,algorithms/safety_guard.py,bench/statistics/*
+COVERED := envs/*,algorithms/corridor.py,algorithms/critical_acceleration.py,algorithms/safety_guard.py,bench/statistics/*
 COVERAGE_MIN := 90
 
 # One thread a process: oversubscribed OpenMP threads make small updates a hundred times slower.

@@ -141,6 +141,20 @@ def engine(
     _print(json_text(measured) if as_json else speed.as_text(measured))
 
 
+@speed_app.command()
+@reports_errors
+def learner(
+    repeats: Annotated[int, typer.Option(min=3, help="Medians are over so many.")] = 7,
+    as_json: AsJson = False,
+) -> None:
+    """Measure updates per second of the SAC learner against stable-baselines3's, in this process, on one thread."""
+    from bench import speed_learner
+    from bench.text import json_text
+
+    measured = speed_learner.learner(repeats)
+    _print(json_text(measured) if as_json else speed_learner.as_text(measured))
+
+
 @stress_app.command()
 @reports_errors
 def guard(
