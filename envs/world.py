@@ -56,7 +56,7 @@ VEHICLE: Final = _record(
         ("exponent", "f8"),  # IDM delta
         ("target_lane", "i8"),  # 0, 1, 2
         ("timer", "f8"),  # since the last MOBIL decision [s]
-        ("acceleration", "f8"),  # decided for this step [m/s2]
+        ("acceleration", "f8"),  # decided for this step; after it executed, weaker where the car stopped [m/s2]
         ("steering", "f8"),  # decided for this step [rad]
     ]
 )
