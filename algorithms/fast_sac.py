@@ -95,6 +95,21 @@ def backward(
     return gradient
 
 
+def flatten(module: nn.Module) -> nn.Parameter:
+    """One parameter that holds all of a module's, values and gradients: the module keeps views into it.
+
+    Adam works element by element; over one long vector it has no per-parameter work.
+    """
+    parameters = list(module.parameters())
+    flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
+    flat.grad = torch.zeros_like(flat)
+    sizes = [parameter.numel() for parameter in parameters]
+    for parameter, value, gradient in zip(parameters, flat.data.split(sizes), flat.grad.split(sizes), strict=True):
+        parameter.data = value.view_as(parameter)
+        parameter.grad = gradient.view_as(parameter)
+    return flat
+
+
 class FastSAC(StableBaselinesSAC):
     """The stock learner's interface and update, faster.
 
@@ -106,11 +121,10 @@ class FastSAC(StableBaselinesSAC):
     def _setup_model(self) -> None:
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
-        for module in (self.actor, self.critic):
+        flat_actor, self._online, self._slow = map(flatten, (self.actor, self.critic, self.critic_target))
+        for module, flat in ((self.actor, flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
-            module.optimizer = torch.optim.Adam(module.parameters(), lr=group["lr"], fused=True)
-            for parameter in module.parameters():
-                parameter.grad = torch.zeros_like(parameter)
+            module.optimizer = torch.optim.Adam([flat], lr=group["lr"], fused=True)
         # Mean and log standard deviation are two heads on one trunk.
         self._trunk = linear_layers(self.actor.latent_pi)
         self._mean, self._log_std = cast(nn.Linear, self.actor.mu), cast(nn.Linear, self.actor.log_std)
@@ -146,9 +160,7 @@ class FastSAC(StableBaselinesSAC):
         target = reward + (1.0 - terminated) * self.gamma * (value - alpha * sample.log_prob[batch_size:])
         critic_loss = self._update_critics(state_action, target)
         actor_loss = self._update_actor(both[:batch_size], activations, sample, alpha)
-        online: list[Tensor] = list(self.critic.parameters())
-        slow: list[Tensor] = list(self.critic_target.parameters())
-        torch._foreach_lerp_(slow, online, self.tau)
+        self._slow.data.lerp_(self._online.data, self.tau)
         return alpha, actor_loss, critic_loss
 
     def _sample_actions(self, activations: list[Tensor], batch_size: int) -> _Sample:
