@@ -1,0 +1,62 @@
+"""Commands that measure speed and stress guards."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from bench.cli.app import RESULTS, AsJson, Results, group, reports_errors, show
+
+speed_app = group("speed", "Measure speed on this machine.")
+stress_app = group("stress", "Try to make a guard fail.")
+
+
+@speed_app.command()
+@reports_errors
+def engine(
+    scenario: Annotated[str, typer.Option(help="Scenario to step.")] = "a",
+    worlds: Annotated[int, typer.Option(min=1, help="Worlds stepped together.")] = 64,
+    repeats: Annotated[int, typer.Option(min=5, help="Medians are over so many.")] = 7,
+    as_json: AsJson = False,
+) -> None:
+    """Measure world-steps per second of the engine against highway-env, in this process, on one core."""
+    from bench import speed
+    from bench.text import json_text
+
+    measured = speed.engine(scenario, worlds, repeats)
+    show(json_text(measured) if as_json else speed.as_text(measured))
+
+
+@speed_app.command()
+@reports_errors
+def learner(
+    repeats: Annotated[int, typer.Option(min=3, help="Medians are over so many.")] = 7,
+    as_json: AsJson = False,
+) -> None:
+    """Measure updates per second of the SAC learner against stable-baselines3's, in this process, on one thread."""
+    from bench import speed_learner
+    from bench.text import json_text
+
+    measured = speed_learner.learner(repeats)
+    show(json_text(measured) if as_json else speed_learner.as_text(measured))
+
+
+@stress_app.command()
+@reports_errors
+def guard(
+    scenario: Annotated[str, typer.Option(help="Scenario to drive.")] = "a",
+    tc: Annotated[str, typer.Option(help="T_c in seconds, or dd-rq for that of the risk model.")] = "3.0",
+    episodes: Annotated[int, typer.Option(min=1, help="How many.")] = 10_000,
+    driver: Annotated[str, typer.Option(help="random, cruise, full-throttle or full-throttle-lane-change.")] = "random",
+    seed: Annotated[int, typer.Option(help="Names the stream of episodes.")] = 0,
+    agent_steps: Annotated[int, typer.Option(help="dd-rq: budget of the driving agent behind its model.")] = 500_000,
+    results: Results = RESULTS,
+    as_json: AsJson = False,
+) -> None:
+    """Drive many episodes behind the safety guard and count collisions by kind and fault."""
+    from bench import stress
+    from bench.text import json_text
+
+    found = stress.command(scenario, tc, episodes, driver, seed, agent_steps, results / "cache").as_json()
+    show(json_text(found) if as_json else "\n".join(f"{key:20} {value}" for key, value in found.items()))
