@@ -76,6 +76,13 @@ def without_display(sequence: Iterable[Any], description: str = "") -> Iterable[
     return sequence
 
 
+class SilentConsole:
+    """Stands in for rich's `Console`, which would lay out tables and texts that nobody sees."""
+
+    def print(self, *_texts: Any, **_style: Any) -> None:
+        """Nothing."""
+
+
 def _replacements() -> list[tuple[Any, str, Any]]:
     """Module, name and replacement of everything that is replaced."""
     buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
@@ -83,6 +90,7 @@ def _replacements() -> list[tuple[Any, str, Any]]:
     found: list[tuple[Any, str, Any]] = [
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
+        (omnisafe_module("omnisafe.common.logger"), "Console", SilentConsole),
     ]
     for module_name, module in sys.modules.items():
         if module_name.startswith(("omnisafe.algorithms.on_policy.", "omnisafe.adapter.")):
