@@ -90,7 +90,18 @@ class OmniSafeSettings:
 
 SETTING_NAMES: Final = tuple(item.name for item in fields(OmniSafeSettings))
 
-_TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType({})
+_TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
+    {
+        "FOCOPS": OmniSafeSettings(
+            actor_learning_rate=1e-3,
+            kl_limit=0.1,
+            temperature=0.5,
+            multiplier=20.0,
+            multiplier_learning_rate=1.0,
+            multiplier_max=100.0,
+        )
+    }
+)
 
 
 def settings_of(algorithm: str) -> OmniSafeSettings:
