@@ -71,7 +71,7 @@ class OnPolicyMethod(Method):
         algorithm: Name in OmniSafe.
     """
 
-    version = 1
+    version = 2
     setting_names = SETTING_NAMES
     algorithm: str
 

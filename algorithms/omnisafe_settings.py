@@ -99,7 +99,14 @@ _TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
             multiplier=20.0,
             multiplier_learning_rate=1.0,
             multiplier_max=100.0,
-        )
+        ),
+        "TRPOLag": OmniSafeSettings(
+            kl_limit=0.03,
+            fisher_decisions=500,
+            fisher_damping=0.01,
+            multiplier=5.0,
+            multiplier_learning_rate=0.2,
+        ),
     }
 )
 
