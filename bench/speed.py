@@ -243,7 +243,7 @@ def as_text(measured: dict[str, Any]) -> str:
             f"engine, one core       {measured['world_steps_per_s']:>12,.0f} world-steps/s",
             f"highway-env, one core  {measured['highway_env_steps_per_s']:>12,.0f} steps/s "
             f"(engine: {measured['ratio_vs_highway_env']:,.0f} times)",
-            f"guard, T_c {measured['guard_tc_s']:.0f} s         {measured['guard_overhead']:>12.0%} on top of the engine",
+            f"guard, T_c {measured['guard_tc_s']:.0f} s         {measured['guard_overhead']:>12.0%} on top of it",
             f"two threads            {'not measured: one core' if scaling is None else f'{scaling:>12.2f} times one'}"
             f" ({measured['two_thread_worlds']} worlds)",
             f"first step of a process{measured['first_step_s']:>12.2f} s after its start",

@@ -68,10 +68,10 @@ def interpret_actions(
 @njit
 def all_finite(targets: FloatArray, commands: FloatArray) -> bool:
     """Whether every target and every acceleration, both (N,), is a finite number."""
+    finite = True
     for i in range(len(targets)):
-        if not (math.isfinite(targets[i]) and math.isfinite(commands[i])):
-            return False
-    return True
+        finite &= math.isfinite(targets[i]) and math.isfinite(commands[i])
+    return finite
 
 
 @njit
