@@ -42,6 +42,20 @@ def learner(
     show(json_text(measured) if as_json else speed_learner.as_text(measured))
 
 
+@speed_app.command()
+@reports_errors
+def risk(
+    repeats: Annotated[int, typer.Option(min=3, help="Medians are over so many.")] = 7,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the risk model's time for the scenes of 64 and 256 worlds, in this process, on one thread."""
+    from bench import speed_risk
+    from bench.text import json_text
+
+    measured = speed_risk.risk(repeats)
+    show(json_text(measured) if as_json else speed_risk.as_text(measured))
+
+
 @stress_app.command()
 @reports_errors
 def guard(
