@@ -47,10 +47,7 @@ def erf_series() -> Single:
     orders = np.arange(ERF_TERMS)
     series = 2.0 / 256 * (np.cos(np.outer(orders, np.arccos(nodes))) @ values)
     series[0] *= 0.5
-    return series.astype(np.float32)
-
-
-ERF_SERIES: Final = erf_series()
+    return _single(series)
 
 
 class BlockWeights(NamedTuple):
@@ -112,6 +109,9 @@ def fold(state: Mapping[str, npt.NDArray[np.float32]], layers: int, heads: int) 
 
 def _single(values: FloatArray) -> Single:
     return np.ascontiguousarray(values, np.float32)
+
+
+ERF_SERIES: Final = erf_series()
 
 
 @njit
@@ -199,7 +199,7 @@ def _attend(packed: Single, rows: int, count: int, heads: int, mixed: Single, me
 
 @njit
 def _gelu(wide: Single, rows: int) -> None:
-    """Gaussian error linear unit, x (1 + erf(x / sqrt 2)) / 2, in place; erf by Clenshaw's sum of its Chebyshev series, which vectorises."""
+    """Gaussian error linear unit x (1 + erf(x / sqrt 2)) / 2, in place; erf by Clenshaw's sum, which vectorises."""
     for t in range(rows):
         row = wide[t]
         for j in range(len(row)):
