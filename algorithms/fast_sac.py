@@ -13,6 +13,7 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
+from torch.optim.adam import adam
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -142,6 +143,22 @@ def flatten(module: nn.Module) -> nn.Parameter:
     return flat
 
 
+def adam_step(optimizer: torch.optim.Adam) -> None:
+    """One step of an optimiser with a single parameter: the kernel of `Adam.step` without what surrounds it."""
+    group = optimizer.param_groups[0]
+    (parameter,) = group["params"]
+    state = optimizer.state[parameter]
+    if not state:
+        state["step"] = torch.zeros(())
+        state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
+    beta1, beta2 = group["betas"]
+    adam(
+        [parameter], [parameter.grad], [state["exp_avg"]], [state["exp_avg_sq"]], [], [state["step"]],
+        fused=True, amsgrad=False, beta1=beta1, beta2=beta2, lr=group["lr"], weight_decay=0.0, eps=group["eps"],
+        maximize=False,
+    )  # fmt: skip
+
+
 class FastSAC(StableBaselinesSAC):
     """The stock learner's interface and update, faster.
 
@@ -219,7 +236,7 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
         self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
-        self.ent_coef_optimizer.step()
+        adam_step(self.ent_coef_optimizer)
         return alpha
 
     def _update_critics(self, state_action: Tensor, target: Tensor) -> float:
@@ -230,7 +247,7 @@ class FastSAC(StableBaselinesSAC):
             error = activations[-1][:, 0] - target
             loss += 0.5 * float(error.square().mean())
             self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
-        self.critic.optimizer.step()
+        adam_step(self.critic.optimizer)
         return loss
 
     def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
@@ -255,7 +272,7 @@ class FastSAC(StableBaselinesSAC):
         to_log_std = to_mean * sample.std * sample.noise - alpha / batch
         to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
         self._backward_actor(sample.activations, to_mean, to_log_std)
-        self.actor.optimizer.step()
+        adam_step(self.actor.optimizer)
         return float((alpha * sample.log_prob - value).mean())
 
     def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
