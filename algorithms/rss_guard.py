@@ -23,14 +23,14 @@ from algorithms.corridor import LATERAL_MARGIN_M, lateral_extent, overlaps, pede
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.rss import gap_needed_ahead, gap_needed_behind, gap_needed_beside
-from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
 from envs.compiled import njit, njit_inlined
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.motion import ACCELERATION_MIN_MPS2, HORIZON_S
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
 RSS_VERSION: Final = 1
-"""Raised by every change that alters what the guard does; also the version of the method behind it."""
+"""Raised by every change that alters what the guard does; part of the version of the method behind it."""
 REST_HORIZON_S: Final = 1.5
 """Planning horizon of the lateral answer: the ego comes to rest sideways."""
 UNDERSHOOT: Final = 1.03
@@ -178,7 +178,7 @@ class RSSGuard:
 class RSSGuarded(Method):
     """SAC behind the RSS guard: what a published rule without learning makes of the same learner."""
 
-    version = RSS_VERSION
+    version = RSS_VERSION + LEARNER_VERSION
     setting_names = SETTING_NAMES
 
     def train(self, task: Task) -> Policy:
