@@ -195,9 +195,10 @@ def test_a_pedestrian_of_the_target_lane_stops_the_lane_change():
 
 
 def test_the_ego_goes_on_braking_where_it_would_just_come_to_rest_clear_of_a_pedestrian():
-    # Episode 2177 of the stress in b: two steps of full throttle here, and 2 s later it hit him.
-    world = scene(people=[(20.87, 1.01, -1.58)], speed=7.69, d=-0.31, drift=0.79)
-    assert guarded(world, -3.5, 2.0)[:2] == (-0.31, -2.0)
+    # Episode 2177 of the stress in b: two steps of full throttle here, and 3 s later it hit him.
+    world = scene(people=[(16.36, 0.06, -1.58)], speed=6.89, d=-0.08, drift=-0.25, heading=0.03)
+    world.ego["reference_acceleration"] = -2.39
+    assert guarded(world, -3.5, 2.0)[1] == -2.0
 
 
 def test_who_waits_is_not_there():
