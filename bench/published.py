@@ -1,4 +1,7 @@
-"""The paper's published figures, read from ``paper_tables/published.csv``, and our columns beside them."""
+"""The paper's published figures, read from ``paper_tables/published.csv``, and our columns beside them.
+
+Methods have their canonical names there, as in records; a test holds that, so that reading them loads no learner.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from algorithms.registry import UnavailableMethodError, get_method
 from bench.provenance import PROJECT
 
 PUBLISHED: Final = PROJECT / "paper_tables" / "published.csv"
@@ -65,14 +67,6 @@ class Figure:
     source: str
 
 
-def _canonical(method: str) -> str:
-    """A default parameter that is spelt out is left out, as in records."""
-    try:
-        return get_method(method).spec
-    except (UnavailableMethodError, ValueError):
-        return method
-
-
 def read_figures(recorded: Recorded = lambda _scenario, _method: False, path: Path = PUBLISHED) -> list[Figure]:
     """All cells, the paper's and ours, in order of table and row.
 
@@ -82,8 +76,6 @@ def read_figures(recorded: Recorded = lambda _scenario, _method: False, path: Pa
     """
     with path.open(newline="", encoding="utf-8") as file:
         figures = [Figure(**row) for row in csv.DictReader(file)]
-    names = {method: _canonical(method) for method in {figure.method for figure in figures}}
-    figures = [dataclasses.replace(figure, method=names[figure.method]) for figure in figures]
     return [cell for table in TITLES for cell in _with_ours(table, figures, recorded)]
 
 

@@ -90,7 +90,7 @@ def choose_budget(specs: Iterable[RunSpec], wanted: Sequence[Pair]) -> Budget | 
 
 def tried(collection: Collection, scenario: str, method: str) -> bool:
     """Whether a pair was ever run, finished or not."""
-    specs = [entry.spec for entry in (*collection.records, *collection.missing)]
+    specs = [*(record.spec for record in collection.records), *(missing.spec for missing in collection.missing)]
     return any(_fits(spec, scenario, method) and _counts(spec, None) for spec in specs)
 
 

@@ -40,8 +40,8 @@ def mean_difference(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 
 def mean_ratio(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95) -> Estimate:
     """Mean of first over mean of second with Welch's t interval on the log scale: speaks for new training seeds.
 
-    Variance of a log mean by the delta method, (standard error / mean)^2, so the interval is positive. A zero
-    mean has no logarithm: the interval is then empty, and without a divisor the value is NaN too. Simulated with
+    Variance of a log mean by the delta method, (standard error / mean)^2, so the interval is positive. Without a
+    divisor there is neither value nor interval; zeros in every seed of first give 0 without a width. Simulated with
     five seeds a side and spreads of 5 to 30 % it covers 95 %.
 
     Args:
@@ -56,8 +56,10 @@ def mean_ratio(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95)
     _checks.fraction("level", level)
     over, under = float(left.mean()), float(right.mean())
     replicates = min(left.size, right.size)
-    if under == 0.0 or over == 0.0:
-        return Estimate(math.nan if under == 0.0 else 0.0, Interval.none(level), replicates)
+    if under == 0.0:
+        return Estimate(math.nan, Interval.none(level), replicates)
+    if over == 0.0:
+        return Estimate(0.0, Interval(0.0, 0.0, level) if replicates > 1 else Interval.none(level), replicates)
     variances = _mean_variance(left) / over**2, _mean_variance(right) / under**2
     logs = _welch(math.log(over / under), *variances, left.size, right.size, level).interval
     if logs.empty:
