@@ -12,7 +12,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
-from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
 from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
@@ -116,7 +116,7 @@ class FixedGuard(Method):
     switches to the printed Alg. 2.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": 1.0, "reserve": True, "literal": False}
     setting_names = SETTING_NAMES
 
@@ -148,7 +148,7 @@ class DDRQ(Method):
     scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model"}
     setting_names = SETTING_NAMES
 

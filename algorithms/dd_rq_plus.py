@@ -20,7 +20,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel
 from algorithms.risk_training import CONTACT, RiskSettings, risk_model, shuffled_values
-from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
 from algorithms.safety_guard import GUARD_VERSION, require_horizon
 from envs.world import FloatArray, World
 
@@ -65,7 +65,7 @@ class DDRQPlus(Method):
     to the scene. ``safety-guard:share=0.5`` demands a constant share.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": "risk"}
     setting_names = SETTING_NAMES
 

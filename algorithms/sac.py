@@ -24,6 +24,8 @@ from envs.world import Ending, Shield
 ACTOR_LAYERS: Final = (256, 256, 256, 256)
 CRITIC_LAYERS: Final = (256, 256, 256)
 """Hidden layers (paper, appendix)."""
+LEARNER_VERSION: Final = 2
+"""Raised by every change of learner or `SACSettings` that alters results; part of each version that rests on it."""
 GAMMA_PER_STEP: Final = 0.99
 """Discount per 0.1 s (paper, appendix); per decision it is raised to the number of steps."""
 
@@ -34,7 +36,7 @@ class SACSettings:
 
     Attributes:
         worlds: Worlds stepped together.
-        decisions_per_update: Inverse update-to-data ratio.
+        decisions_per_update: Inverse update-to-data ratio; docs/performance.md has the evidence for it and for batch.
         batch: Transitions per update.
         warm_up: Decisions under uniformly random actions before learning starts.
         learning_rate: Adam's, of actor, critics and temperature (paper, appendix).
@@ -44,7 +46,7 @@ class SACSettings:
 
     worlds: int = 16
     decisions_per_update: int = 4
-    batch: int = 256
+    batch: int = 64
     warm_up: int = 1600
     learning_rate: float = 3e-4
     tau: float = 5e-3
@@ -171,7 +173,7 @@ def deterministic_policy(model: StableBaselinesSAC, action_mode: ActionMode, shi
 class SAC(Method):
     """Plain SAC without a guard, the model-free baseline."""
 
-    version = 1
+    version = LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {}
     setting_names = SETTING_NAMES
 
