@@ -12,7 +12,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
-from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
 from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
@@ -66,6 +66,14 @@ class RiskGuard(SafetyGuard):
         """Seed the shuffled control."""
         self._rng = np.random.default_rng(seed)
 
+    def snapshot(self) -> dict[str, Any]:
+        """State of the shuffled control's generator; all else is refreshed at the next decision."""
+        return {"generator": dict(self._rng.bit_generator.state)}
+
+    def restore(self, values: dict[str, Any]) -> None:
+        """Go on from a `snapshot`."""
+        self._rng.bit_generator.state = values["generator"]
+
     def observe(self, observations: Observations) -> None:
         """RQ and IR of every world, held until the next decision."""
         output = self.model(observations)
@@ -108,7 +116,7 @@ class FixedGuard(Method):
     switches to the printed Alg. 2.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": 1.0, "reserve": True, "literal": False}
     setting_names = SETTING_NAMES
 
@@ -140,7 +148,7 @@ class DDRQ(Method):
     scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model"}
     setting_names = SETTING_NAMES
 
@@ -157,7 +165,7 @@ class DDRQ(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and risk model, then train behind the guard that they steer."""
-        model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache)
+        model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache, making=task.making)
         shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
         shield.begin(task.stream("shield"))
         trained = train_sac(task, shield)

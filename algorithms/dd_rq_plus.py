@@ -20,7 +20,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel
 from algorithms.risk_training import CONTACT, RiskSettings, risk_model, shuffled_values
-from algorithms.sac import SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
 from algorithms.safety_guard import GUARD_VERSION, require_horizon
 from envs.world import FloatArray, World
 
@@ -65,7 +65,7 @@ class DDRQPlus(Method):
     to the scene. ``safety-guard:share=0.5`` demands a constant share.
     """
 
-    version = GUARD_VERSION
+    version = GUARD_VERSION + LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": "risk"}
     setting_names = SETTING_NAMES
 
@@ -88,7 +88,7 @@ class DDRQPlus(Method):
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""
         steps = min(task.budget.steps, AGENT_STEPS_MAX)
-        model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT))
+        model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
         shield = self.shield(model)
         shield.begin(task.stream("shield"))
         trained = train_sac(task, shield)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
@@ -12,6 +13,9 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
+from torch.optim.adam import adam
+
+from algorithms.perceptron import ACTOR, FIRST, SECOND, FlatModule, Layer, Workspace, through_relu, write_gradient
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -62,52 +66,20 @@ class PackedReplayBuffer(ReplayBuffer):
         return torch.from_numpy(flat.take(times * self.n_envs + worlds, axis=0))
 
 
-def linear_layers(module: nn.Module) -> list[nn.Linear]:
-    """Linear layers of a module, in order."""
-    return [child for child in module.modules() if isinstance(child, nn.Linear)]
-
-
-def forward(layers: list[nn.Linear], x: Tensor) -> list[Tensor]:
-    """Activations of a ReLU perceptron: input, hidden layers after ReLU, linear output."""
-    activations = [x]
-    for layer in layers[:-1]:
-        activations.append(torch.addmm(layer.bias, activations[-1], layer.weight.t()).relu_())
-    activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].weight.t()))
-    return activations
-
-
-def backward(
-    layers: list[nn.Linear], activations: list[Tensor], gradient: Tensor, weights: bool, inputs: bool
-) -> Tensor | None:
-    """Propagate the gradient of the output; write ``.grad`` of the weights, return that of the input, if wanted."""
-    for index in range(len(layers) - 1, -1, -1):
-        layer, before = layers[index], activations[index]
-        if weights:
-            assert layer.weight.grad is not None
-            assert layer.bias.grad is not None
-            torch.mm(gradient.t(), before, out=layer.weight.grad)
-            torch.sum(gradient, 0, out=layer.bias.grad)
-        if index == 0 and not inputs:
-            return None
-        gradient = torch.mm(gradient, layer.weight)
-        if index > 0:
-            gradient = torch.ops.aten.threshold_backward(gradient, before, 0.0)
-    return gradient
-
-
-def flatten(module: nn.Module) -> nn.Parameter:
-    """One parameter that holds all of a module's, values and gradients: the module keeps views into it.
-
-    Adam works element by element; over one long vector it has no per-parameter work.
-    """
-    parameters = list(module.parameters())
-    flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
-    flat.grad = torch.zeros_like(flat)
-    sizes = [parameter.numel() for parameter in parameters]
-    for parameter, value, gradient in zip(parameters, flat.data.split(sizes), flat.grad.split(sizes), strict=True):
-        parameter.data = value.view_as(parameter)
-        parameter.grad = gradient.view_as(parameter)
-    return flat
+def adam_step(optimizer: torch.optim.Optimizer) -> None:
+    """One step of an optimiser with a single parameter: the kernel of `Adam.step` without what surrounds it."""
+    group = optimizer.param_groups[0]
+    (parameter,) = group["params"]
+    state = optimizer.state[parameter]
+    if not state:
+        state["step"] = torch.zeros(())
+        state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
+    beta1, beta2 = group["betas"]
+    adam(
+        [parameter], [parameter.grad], [state["exp_avg"]], [state["exp_avg_sq"]], [], [state["step"]],
+        fused=True, amsgrad=False, beta1=beta1, beta2=beta2, lr=group["lr"], weight_decay=0.0, eps=group["eps"],
+        maximize=False,
+    )  # fmt: skip
 
 
 class FastSAC(StableBaselinesSAC):
@@ -118,18 +90,24 @@ class FastSAC(StableBaselinesSAC):
     bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
     """
 
+    precision = torch.float32
+    """Of the products of matrices; parameters, optimisers and losses are 32-bit floats in any case."""
+
     def _setup_model(self) -> None:
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
-        flat_actor, self._online, self._slow = map(flatten, (self.actor, self.critic, self.critic_target))
-        for module, flat in ((self.actor, flat_actor), (self.critic, self._online)):
+        modules = (self.actor, self.critic, self.critic_target)
+        self._flat_actor, self._online, self._slow = (FlatModule(module, self.precision) for module in modules)
+        for module, flat in ((self.actor, self._flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
-            module.optimizer = torch.optim.Adam([flat], lr=group["lr"], fused=True)
+            module.optimizer = torch.optim.Adam([flat.vector], lr=group["lr"], fused=True)
+        self._space = Workspace(self.precision)
         # Mean and log standard deviation are two heads on one trunk.
-        self._trunk = linear_layers(self.actor.latent_pi)
-        self._mean, self._log_std = cast(nn.Linear, self.actor.mu), cast(nn.Linear, self.actor.log_std)
-        self._critics = [linear_layers(network) for network in self.critic.q_networks]
-        self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
+        self._trunk = self._flat_actor.layers(self.actor.latent_pi)
+        (self._mean,) = self._flat_actor.layers(cast(nn.Linear, self.actor.mu))
+        (self._log_std,) = self._flat_actor.layers(cast(nn.Linear, self.actor.log_std))
+        self._critics = [self._online.layers(network) for network in self.critic.q_networks]
+        self._targets = [self._slow.layers(network) for network in self.critic_target.q_networks]
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
@@ -137,6 +115,8 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
+        for flat in (self._flat_actor, self._online, self._slow):
+            flat.refresh()
         with torch.no_grad():
             for _ in range(gradient_steps):
                 sums += self._update(batch_size)
@@ -150,33 +130,36 @@ class FastSAC(StableBaselinesSAC):
         assert isinstance(self.replay_buffer, PackedReplayBuffer)
         rows = self.replay_buffer.sample_rows(batch_size)
         n, a = self.observation_space.shape[0], self.action_space.shape[0]  # type: ignore[index]
-        state_action, reward, terminated = rows[:, : n + a], rows[:, n + a], rows[:, n + a + 1]
-        both = torch.cat([rows[:, :n], rows[:, n + a + 2 :]])
-        activations = forward(self._trunk, both)
-        sample = self._sample_actions(activations, batch_size)
-        alpha = self._update_temperature(sample.log_prob[:batch_size])
-        following = torch.cat([both[batch_size:], sample.action[batch_size:]], 1)
-        value = torch.minimum(*(forward(target, following)[-1] for target in self._targets))[:, 0]
-        target = reward + (1.0 - terminated) * self.gamma * (value - alpha * sample.log_prob[batch_size:])
+        states, next_states = rows[:, :n].contiguous(), rows[:, n + a + 2 :].contiguous()
+        state_action, reward, terminated = rows[:, : n + a].contiguous(), rows[:, n + a], rows[:, n + a + 1]
+        noise, next_noise = (torch.normal(torch.zeros(batch_size, a), torch.ones(batch_size, a)) for _ in range(2))
+        following = self._sample_actions(next_states, next_noise)
+        sample = self._sample_actions(states, noise)
+        alpha = self._update_temperature(sample.log_prob)
+        value = self._least_value(self._targets, torch.cat([next_states, following.action], 1))
+        target = reward + (1.0 - terminated) * self.gamma * (value - alpha * following.log_prob)
         critic_loss = self._update_critics(state_action, target)
-        actor_loss = self._update_actor(both[:batch_size], activations, sample, alpha)
-        self._slow.data.lerp_(self._online.data, self.tau)
+        actor_loss = self._update_actor(states, sample, alpha)
+        self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
+        self._slow.refresh()
         return alpha, actor_loss, critic_loss
 
-    def _sample_actions(self, activations: list[Tensor], batch_size: int) -> _Sample:
-        """Squashed Gaussian actions of the actor and their log-probabilities, for states then next states."""
+    def _least_value(self, critics: list[list[Layer]], state_action: Tensor) -> Tensor:
+        """The smaller of both critics' values, shape (batch,)."""
+        return torch.minimum(*(self._space.forward(critic, state_action, FIRST)[-1] for critic in critics))[:, 0]
+
+    def _sample_actions(self, states: Tensor, noise: Tensor) -> _Sample:
+        """Squashed Gaussian actions of the actor, their log-probabilities, and what their gradients need."""
         # The trunk ends in a ReLU of its own.
-        hidden = activations[-1].relu_()
-        mean = torch.addmm(self._mean.bias, hidden, self._mean.weight.t())
-        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t())
+        activations = self._space.forward([*self._trunk, self._mean], states, ACTOR)
+        hidden, mean = activations[-2], activations[-1]
+        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t()).float()
         log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
-        zeros, ones = torch.zeros_like(mean[:batch_size]), torch.ones_like(mean[:batch_size])
-        noise = torch.cat([torch.normal(zeros, ones), torch.normal(zeros, ones)])
         std = log_std.exp()
         action = torch.tanh(mean + std * noise)
         slope = 1.0 - action * action
         log_prob = (-0.5 * noise * noise - log_std - HALF_LOG_TWO_PI - (slope + SQUASH_EPSILON).log()).sum(1)
-        return _Sample(action, slope, noise, std, raw, log_prob)
+        return _Sample(activations[:-1], action, slope, noise, std, raw, log_prob)
 
     def _update_temperature(self, log_prob: Tensor) -> float:
         """Temperature before this step's update, which follows."""
@@ -184,72 +167,76 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
         self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
-        self.ent_coef_optimizer.step()
+        adam_step(self.ent_coef_optimizer)
         return alpha
 
     def _update_critics(self, state_action: Tensor, target: Tensor) -> float:
         """Half the sum of both critics' mean squared errors."""
         loss = 0.0
         for critic in self._critics:
-            activations = forward(critic, state_action)
+            activations = self._space.forward(critic, state_action, FIRST)
             error = activations[-1][:, 0] - target
             loss += 0.5 * float(error.square().mean())
-            backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
-        self.critic.optimizer.step()
+            self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
+        adam_step(self.critic.optimizer)
+        self._online.refresh()
         return loss
 
-    def _update_actor(self, states: Tensor, activations: list[Tensor], sample: _Sample, alpha: float) -> float:
+    def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
         """Mean of alpha log pi - min Q."""
-        batch = len(states)
-        action, slope, noise = sample.action[:batch], sample.slope[:batch], sample.noise[:batch]
+        batch, action = len(states), sample.action
         state_action = torch.cat([states, action], 1)
-        passes = [forward(critic, state_action) for critic in self._critics]
+        passes = [
+            self._space.forward(critic, state_action, holder)
+            for critic, holder in zip(self._critics, (FIRST, SECOND), strict=True)
+        ]
         first = passes[0][-1] <= passes[1][-1]
         value = torch.where(first, passes[0][-1], passes[1][-1])[:, 0]
         gradient = torch.zeros_like(action)
         for critic, hidden, chosen in zip(self._critics, passes, (first, ~first), strict=True):
             weight = chosen.to(action.dtype) * (-1.0 / batch)
-            through = backward(critic, hidden, weight, weights=False, inputs=True)
+            through = self._space.backward(critic, hidden, weight, weights=False, inputs=True)
             assert through is not None
             gradient += through[:, states.shape[1] :]
         # d log pi / d action = 2 a / (1 - a^2 + eps); action = tanh(mean + std * noise).
-        gradient += (2.0 * alpha / batch) * action / (slope + SQUASH_EPSILON)
-        to_mean = gradient * slope
-        to_log_std = to_mean * sample.std[:batch] * noise - alpha / batch
-        raw = sample.raw_log_std[:batch]
-        to_log_std *= (raw >= LOG_STD_MIN) & (raw <= LOG_STD_MAX)
-        self._backward_actor(activations, to_mean, to_log_std)
-        self.actor.optimizer.step()
-        return float((alpha * sample.log_prob[:batch] - value).mean())
+        gradient += (2.0 * alpha / batch) * action / (sample.slope + SQUASH_EPSILON)
+        to_mean = gradient * sample.slope
+        to_log_std = to_mean * sample.std * sample.noise - alpha / batch
+        to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
+        self._backward_actor(sample.activations, to_mean, to_log_std)
+        adam_step(self.actor.optimizer)
+        self._flat_actor.refresh()
+        return float((alpha * sample.log_prob - value).mean())
 
     def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
-        batch = len(to_mean)
-        hidden = activations[-1][:batch]
-        gradient = torch.zeros_like(hidden)
+        """Write the actor's gradients from those of its two heads."""
+        hidden, to_mean, to_log_std = activations[-1], to_mean.to(self.precision), to_log_std.to(self.precision)
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
-            assert head.weight.grad is not None
-            assert head.bias.grad is not None
-            torch.mm(incoming.t(), hidden, out=head.weight.grad)
-            torch.sum(incoming, 0, out=head.bias.grad)
-            gradient += torch.mm(incoming, head.weight)
-        gradient = torch.ops.aten.threshold_backward(gradient, hidden, 0.0)
-        backward(self._trunk, [a[:batch] for a in activations], gradient, weights=True, inputs=False)
+            write_gradient(head, incoming, hidden)
+        gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
+        self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=False)
 
 
+class HalfFastSAC(FastSAC):
+    """`FastSAC` with products in bfloat16: pays where the processor has matrix units for it (AMX)."""
+
+    precision = torch.bfloat16
+
+
+@dataclass(slots=True)
 class _Sample:
-    """Actions with all that their gradients need, each of shape (2 batch, actions), log_prob (2 batch,)."""
+    """Actions with all that their gradients need, each of shape (batch, actions), log_prob (batch,).
 
-    __slots__ = ("action", "log_prob", "noise", "raw_log_std", "slope", "std")
+    The activations of the actor's trunk are those of the last sample only.
+    """
 
-    def __init__(
-        self, action: Tensor, slope: Tensor, noise: Tensor, std: Tensor, raw_log_std: Tensor, log_prob: Tensor
-    ) -> None:
-        self.action = action
-        self.slope = slope
-        self.noise = noise
-        self.std = std
-        self.raw_log_std = raw_log_std
-        self.log_prob = log_prob
+    activations: list[Tensor]
+    action: Tensor
+    slope: Tensor
+    noise: Tensor
+    std: Tensor
+    raw_log_std: Tensor
+    log_prob: Tensor
 
 
 @contextmanager

@@ -31,8 +31,20 @@ _BUILT_IN: Final[dict[str, str]] = {
     "cruise": "algorithms.reference_drivers:Cruise",
     "random": "algorithms.reference_drivers:Random",
     "idm": "algorithms.reference_drivers:IDM",
+    "rss-guard": "algorithms.rss_guard:RSSGuarded",
 }
 PAPER_METHODS: Final = ("dd-rq", "safety-guard", "sac", "cpo", "focops", "trpo-lag")
+REFERENCE_DRIVERS: Final = (
+    "constant-speed",
+    "constant-speed+guard",
+    "cruise",
+    "cruise+guard",
+    "idm",
+    "random",
+    "random+guard",
+    "rss-guard",
+)
+"""Rows that make a table's figures readable; all but `rss-guard` are scripted."""
 
 M = TypeVar("M", bound="type[Method]")
 _registered: dict[str, tuple[str, type[Method]]] = {}

@@ -15,6 +15,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
+from algorithms.risk_kernel import fold, risk_kernel
 from envs.driving_env import HORIZON_MAX_S, HORIZON_MIN_S
 from envs.observation import (
     EGO_FEATURES,
@@ -30,7 +31,6 @@ from envs.world import FloatArray
 
 FORMAT: Final = "safedrive-bench risk model 1"
 OBJECTS: Final = VEHICLE_SLOTS + PEDESTRIAN_SLOTS
-TOKENS: Final = 1 + OBJECTS
 FEATURES: Final = EGO_FEATURES
 """P: features of a token; a pedestrian's three take the places of ds, dd and v_d."""
 EGO_TYPE, VEHICLE_TYPE, PEDESTRIAN_TYPE = 0, 1, 2
@@ -54,12 +54,20 @@ class RiskArchitecture:
         heads: Attention heads; divides width.
         layers: Encoder blocks L.
         hidden: Width of the MLP in a block.
+
+    Raises:
+        ValueError: Sizes do not divide as the compiled network needs it.
     """
 
     width: int = 32
     heads: int = 4
     layers: int = 2
     hidden: int = 64
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that the compiled network cannot take."""
+        if self.width % 4 or self.hidden % 4 or self.width % self.heads:
+            raise ValueError(f"{self}: width and hidden must be multiples of 4, width also of heads.")
 
 
 def tokenise(observations: Tensor) -> tuple[Tensor, Tensor]:
@@ -165,17 +173,15 @@ class RiskModel:
         self.network = network.requires_grad_(False).eval()
         self.architecture = architecture
         self.description = description
+        state = {name: value.numpy() for name, value in self.network.state_dict().items()}
+        self._weights = fold(state, architecture.layers, architecture.heads)
 
     def __call__(self, observations: Observations) -> RiskOutput:
-        """Evaluate N scenes, observations (N, 47)."""
-        with torch.no_grad():
-            x = torch.from_numpy(np.ascontiguousarray(observations))
-            value, weights = self.network(x)
-            row = weights.mean(1)[:, 0, 1:]
-            _, present = tokenise(x)
-            row = row * present[:, 1:]
-            row = row / row.sum(1, keepdim=True).clamp_min(1e-9)
-        return RiskOutput(value.numpy().astype(np.float64), row.numpy().astype(np.float64))
+        """Evaluate N scenes, observations (N, 47); a scene's output does not depend on the others."""
+        output = RiskOutput(np.empty(len(observations)), np.empty((len(observations), OBJECTS)))
+        rows = np.ascontiguousarray(observations, np.float32)
+        risk_kernel(rows, self._weights, self.architecture.heads, output.value, output.importance)
+        return output
 
     def save(self, folder: Path) -> None:
         """Write ``risk.safetensors`` and ``risk.json``."""

@@ -11,10 +11,9 @@ from pydantic import ValidationError
 from algorithms.method import Method
 from algorithms.registry import (
     PAPER_METHODS,
+    REFERENCE_DRIVERS,
     UnavailableMethodError,
     get_method,
-    list_methods,
-    method_names,
 )
 from bench.errors import UsageError
 from bench.settings import Settings
@@ -146,17 +145,13 @@ def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
 
 
 def _all_methods() -> tuple[list[Method], dict[str, str]]:
-    known = set(method_names())
-    unavailable = {name: "not part of this version" for name in PAPER_METHODS if name not in known}
-    listings = {listing.name: listing for listing in list_methods()}
+    unavailable: dict[str, str] = {}
     methods: list[Method] = []
-    for name in [*(name for name in PAPER_METHODS if name in known), *sorted(known - set(PAPER_METHODS))]:
-        if not listings[name].available:
-            unavailable[name] = listings[name].reason
-            continue
-        method = get_method(name)
-        if name in PAPER_METHODS or not method.trains:
-            methods.append(method)
+    for name in (*PAPER_METHODS, *REFERENCE_DRIVERS):
+        try:
+            methods.append(get_method(name))
+        except UnavailableMethodError as error:
+            unavailable[name] = str(error)
     return methods, unavailable
 
 

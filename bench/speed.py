@@ -15,12 +15,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from algorithms.safety_guard import SafetyGuard
 from bench.errors import UsageError
 from bench.provenance import PROJECT, cpu_model, usable_cores
 from envs.driving_env import DrivingVectorEnv, action_space
 from envs.layout import sample_initial_worlds
 from envs.scenario import LANE_WIDTH_M, Scenario, get_scenario
-from envs.world import Ending
+from envs.world import Ending, Shield
 
 MEASURED_S: Final = 0.4
 """Length of one engine repeat [s]."""
@@ -33,6 +34,8 @@ THREAD_WORLDS: Final = 256
 DRAWN: Final = 256
 """Decisions for which actions are drawn beforehand."""
 FIRST_STEP_REPEATS: Final = 3
+GUARD_TC_S: Final = 3.0
+"""T_c of the guard whose cost is measured [s]."""
 
 _FIRST_STEP: Final = """
 import time
@@ -62,9 +65,9 @@ class Meter:
     next: int = 0
 
     @classmethod
-    def build(cls, scenario: Scenario, worlds: int, threads: int) -> Meter:
+    def build(cls, scenario: Scenario, worlds: int, threads: int, shield: Shield | None = None) -> Meter:
         """Warm: compiled, reset and past the first episodes' common start."""
-        env = DrivingVectorEnv(scenario, worlds, threads=threads)
+        env = DrivingVectorEnv(scenario, worlds, threads=threads, shield=shield)
         env.reset(seed=0)
         space = action_space(env.action_mode)
         actions = np.random.default_rng(0).uniform(space.low, space.high, (DRAWN, worlds, len(space.low)))
@@ -182,11 +185,23 @@ def engine(scenario_name: str = "a", worlds: int = 64, repeats: int = 7) -> dict
         "highway_env_steps_per_cpu_s": statistics.median(rate.cpu for rate in oracle_rates),
         "highway_env_unobserved_steps_per_s": statistics.median(rate.wall for rate in unobserved),
         "ratio_vs_highway_env": rate / oracle_rate,
+        **_guard_cost(scenario, worlds, repeats),
         **_two_threads(scenario, repeats),
         "first_step_s": first_step_s(scenario, worlds),
         "cpu": cpu_model(),
         "usable_cores": usable_cores(),
         "load_average": round(os.getloadavg()[0], 2),
+    }
+
+
+def _guard_cost(scenario: Scenario, worlds: int, repeats: int) -> dict[str, Any]:
+    """Interleaved pairs without a guard and behind one, by processor time; the median of what it adds."""
+    alone, guarded = (Meter.build(scenario, worlds, 1, shield) for shield in (None, SafetyGuard(GUARD_TC_S)))
+    pairs = [(alone.repeat(MEASURED_S).cpu, guarded.repeat(MEASURED_S).cpu) for _ in range(repeats)]
+    return {
+        "guard_tc_s": GUARD_TC_S,
+        "guarded_world_steps_per_cpu_s": statistics.median(behind for _, behind in pairs),
+        "guard_overhead": statistics.median(bare / behind for bare, behind in pairs) - 1.0,
     }
 
 
@@ -228,6 +243,7 @@ def as_text(measured: dict[str, Any]) -> str:
             f"engine, one core       {measured['world_steps_per_s']:>12,.0f} world-steps/s",
             f"highway-env, one core  {measured['highway_env_steps_per_s']:>12,.0f} steps/s "
             f"(engine: {measured['ratio_vs_highway_env']:,.0f} times)",
+            f"guard, T_c {measured['guard_tc_s']:.0f} s         {measured['guard_overhead']:>12.0%} on top of it",
             f"two threads            {'not measured: one core' if scaling is None else f'{scaling:>12.2f} times one'}"
             f" ({measured['two_thread_worlds']} worlds)",
             f"first step of a process{measured['first_step_s']:>12.2f} s after its start",

@@ -66,6 +66,15 @@ def interpret_actions(
 
 
 @njit
+def all_finite(targets: FloatArray, commands: FloatArray) -> bool:
+    """Whether every target and every acceleration, both (N,), is a finite number."""
+    finite = True
+    for i in range(len(targets)):
+        finite &= math.isfinite(targets[i]) and math.isfinite(commands[i])
+    return finite
+
+
+@njit
 def conclude(
     episode: Records, active: BoolArray, before: npt.NDArray[np.int64], sums: FloatArray, substeps: int, comfort: bool,
     rewards: FloatArray, without_risk: FloatArray, costs: FloatArray, intervened: npt.NDArray[np.int64],

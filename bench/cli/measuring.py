@@ -42,6 +42,20 @@ def learner(
     show(json_text(measured) if as_json else speed_learner.as_text(measured))
 
 
+@speed_app.command()
+@reports_errors
+def risk(
+    repeats: Annotated[int, typer.Option(min=3, help="Medians are over so many.")] = 7,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the risk model's time for the scenes of 64 and 256 worlds, in this process, on one thread."""
+    from bench import speed_risk
+    from bench.text import json_text
+
+    measured = speed_risk.risk(repeats)
+    show(json_text(measured) if as_json else speed_risk.as_text(measured))
+
+
 @stress_app.command()
 @reports_errors
 def guard(
@@ -60,3 +74,20 @@ def guard(
 
     found = stress.command(scenario, tc, episodes, driver, seed, agent_steps, results / "cache").as_json()
     show(json_text(found) if as_json else "\n".join(f"{key:20} {value}" for key, value in found.items()))
+
+
+@speed_app.command()
+@reports_errors
+def protocol(
+    algo: Annotated[str, typer.Option(help="Methods, or all.")] = "all",
+    scenario: Annotated[str, typer.Option(help="Scenario.")] = "a",
+    steps: Annotated[int | None, typer.Option(help="Training budget; that of the quick protocol.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure where the time of a quick run of each method goes: engine, guard, risk model, policy, update, store."""
+    from bench import speed_protocol
+    from bench.protocols import Request
+    from bench.text import json_text
+
+    measured = speed_protocol.protocol(Request(algo, scenario, "quick", "1", steps))
+    show(json_text(measured) if as_json else speed_protocol.as_text(measured))

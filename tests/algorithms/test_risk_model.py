@@ -68,6 +68,36 @@ def test_importance_sums_to_one_over_present_objects_and_is_zero_elsewhere(model
     assert np.allclose(importance.sum(1)[present.any(1)], 1.0)
 
 
+@pytest.mark.parametrize("size", [RiskArchitecture(), RiskArchitecture(width=8, heads=2, layers=3, hidden=12)])
+def test_the_compiled_network_is_the_plain_one(size, observations):
+    torch.manual_seed(1)
+    network = RiskNetwork(size)
+    observations = np.concatenate([observations, np.zeros((1, 47), np.float32)])
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter += 0.3 * torch.randn_like(parameter)
+        value, weights = network(torch.from_numpy(observations))
+    present = observations[:, 39:47] > 0.5
+    importance = weights.mean(1)[:, 0, 1:].detach().numpy() * present
+    importance /= np.maximum(importance.sum(1, keepdims=True), 1e-9)
+    output = RiskModel(network, size, {})(observations)
+    assert value.std() > 0.1
+    assert np.allclose(output.value, value.detach().numpy(), rtol=0.0, atol=1e-5)
+    assert np.allclose(output.importance, importance, rtol=0.0, atol=1e-5)
+
+
+def test_a_scene_has_the_same_output_alone_and_among_others(model, observations):
+    together, alone = model(observations[:64]), [model(row[None]) for row in observations[:64]]
+    assert np.array_equal(together.value, np.concatenate([one.value for one in alone]))
+    assert np.array_equal(together.importance, np.concatenate([one.importance for one in alone]))
+
+
+def test_sizes_that_the_compiled_network_cannot_take_are_refused():
+    for sizes in ({"width": 30, "heads": 2}, {"width": 32, "heads": 3}, {"hidden": 65}):
+        with pytest.raises(ValueError, match="multiples of 4"):
+            RiskArchitecture(**sizes)
+
+
 def test_absent_objects_cannot_influence_the_value(model, observations):
     changed = observations.copy()
     slots = np.repeat(changed[:, 39:44] < 0.5, 5, axis=1)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from algorithms.omnisafe_methods import CPO
+from algorithms.registry import UnavailableMethodError
 from bench.errors import UsageError
 from bench.protocols import PROTOCOLS, Request, expand, parse_seeds, split_names
 
@@ -105,9 +107,24 @@ def test_what_cannot_be_meant_is_refused_with_a_remedy(fakes: Path, request_: Re
         expand(request_)
 
 
-def test_all_names_what_is_unavailable_and_runs_the_rest(fakes: Path) -> None:
+def test_all_is_the_six_of_the_paper_and_the_reference_drivers(fakes: Path) -> None:
+    expansion = expand(Request("all", "b", "smoke"))
+    named = {spec.method for spec in expansion.specs} | set(expansion.unavailable)
+    assert named == {
+        *("dd-rq", "safety-guard", "sac", "cpo", "focops", "trpo-lag"),
+        *("idm", "random+guard", "cruise+guard", "rss-guard"),
+        *("random", "cruise", "constant-speed", "constant-speed+guard"),
+    }, "no plugin changes what all means"
+    trained = {spec.method for spec in expansion.specs if spec.steps}
+    assert "rss-guard" in trained
+    assert "cruise+guard" not in trained
+
+
+def test_all_names_what_is_unavailable_and_runs_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(cls: type) -> None:
+        raise UnavailableMethodError("OmniSafe is gone")
+
+    monkeypatch.setattr(CPO, "check_available", classmethod(refuse))
     expansion = expand(Request("all", "a", "smoke"))
-    assert "fake_methods_that_are_not_there" in expansion.unavailable["broken"]
-    methods = [spec.method for spec in expansion.specs]
-    assert {"sac", "cruise", "fake-scripted"} <= set(methods)
-    assert "fake-learner" not in methods, "a plugin that trains is run by name only"
+    assert expansion.unavailable == {"cpo": "OmniSafe is gone"}
+    assert {"sac", "cruise", "rss-guard"} <= {spec.method for spec in expansion.specs}

@@ -13,6 +13,8 @@ import numpy as np
 import psutil
 import pyarrow as pa
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bench import atomic, schema, store
 from bench.errors import AlreadyDoneError, LockedError, RecordError
@@ -33,7 +35,7 @@ class FullDisk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
         self.calls = 0
         for name in CALLS:
-            monkeypatch.setattr(atomic.os, name, self._failing(getattr(os, name), fails_at))
+            monkeypatch.setattr(os, name, self._failing(getattr(os, name), fails_at))
 
     def _failing(self, real: Callable[..., None], fails_at: int) -> Callable[..., None]:
         def call(*arguments: object) -> None:
@@ -238,6 +240,18 @@ def test_a_truncated_table_is_refused_by_name(tmp_path: Path, make_record: MakeR
     _truncate(path)
     with pytest.raises(RecordError, match=f"{path.name}/{store.EVAL_FILE} is not what was sealed"):
         read_record(path).eval_episodes()
+
+
+def test_numbers_keep_16_significant_bits_rounded_to_the_nearest():
+    # 1 + 2^-15 is the next number after 1 with 16 bits; 2^-16 is half way, and goes away from zero.
+    values = np.array([1.0, 1.0 + 2.0**-15, 1.0 + 2.0**-17, 1.0 + 2.0**-16, -1.0 - 2.0**-16, np.inf, 0.0])
+    expected = [1.0, 1.0 + 2.0**-15, 1.0, 1.0 + 2.0**-15, -1.0 - 2.0**-15, np.inf, 0.0]
+    assert schema.rounded(values).tolist() == expected
+
+
+@given(st.floats(-1e30, 1e30).filter(lambda x: x == 0.0 or abs(x) > 1e-30))
+def test_rounding_moves_a_number_by_at_most_one_part_in_2_to_the_16(value):
+    assert abs(float(schema.rounded(np.array([value]))[0]) - value) <= abs(value) * 2.0**-16
 
 
 def test_tables_of_other_columns_are_refused_with_their_version() -> None:
