@@ -57,7 +57,7 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
     def progress(scalars: Mapping[str, float]) -> None:
         task.progress(env.steps_done, {**training_scalars(env), **scalars})
 
-    trained = train_actor(algorithm, env, custom, chosen.rest, progress)
+    trained = train_actor(algorithm, env, custom, chosen.rest, progress, task.checkpoints)
     architecture = Architecture(
         (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
     )
