@@ -40,6 +40,7 @@ def evaluate(
 
     Raises:
         ValueError: The policy gave an action that is not finite or of the wrong shape.
+        MutatedObservationError: It wrote into its observations.
         RuntimeError: An episode is missing or came twice.
     """
     env = DrivingVectorEnv(
@@ -50,6 +51,7 @@ def evaluate(
         comfort=True,
         cost_signal=cost_signal,
         source=held_out_source(scenario, episodes),
+        watched=True,
     )
     observations, _ = env.reset()
     policy.begin(worlds, seed_sequence("evaluation", scenario.id))

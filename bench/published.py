@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from algorithms.registry import UnavailableMethodError, get_method
+from algorithms.registry import get_method
 from bench.provenance import PROJECT
+from envs.plugins import UnavailableError
 
 PUBLISHED: Final = PROJECT / "paper_tables" / "published.csv"
 TITLES: Final = {
@@ -57,7 +58,7 @@ def _canonical(method: str) -> str:
     """A default parameter that is spelt out is left out, as in records."""
     try:
         return get_method(method).spec
-    except (UnavailableMethodError, ValueError):
+    except (UnavailableError, ValueError):
         return method
 
 

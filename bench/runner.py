@@ -138,7 +138,7 @@ class _Attempt:
             cache=self.cache,
             progress=self.training.progress,
         )
-        _seed_global_generators(self.task)
+        seed_global_generators(self.task)
         self._reported("train", 0, self.spec.steps, {})
         with self.clocks["train"]:
             return method.train(self.task)
@@ -180,7 +180,7 @@ class _Attempt:
         return Failure(self.stage, step, reason, without_paths("".join(traceback.format_exception(error))))
 
 
-def _seed_global_generators(task: Task) -> None:
+def seed_global_generators(task: Task) -> None:
     """Some learners draw from global generators: give each run its own state, whatever ran before it."""
     import torch
 
