@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -33,3 +34,17 @@ def check(
     verdict = f"{name} keeps the contract." if report.passed else f"{name} does not keep the contract: see FAILED."
     show(json_text(report.as_json()) if as_json else f"{columns(('', 'check', 'found'), rows)}\n{verdict}")
     raise typer.Exit(0 if report.passed else 1)
+
+
+@app.command("new-method")
+@reports_errors
+def new_method(
+    name: Annotated[str, typer.Argument(help="Name of the new method, as in my-method.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where its folder goes.")] = Path(),
+) -> None:
+    """Write a package with a method that works, its entry point and its test."""
+    from bench import new_method as skeleton
+
+    folder = skeleton.new_method(name, out)
+    show(f"{folder}: install it with  python -m pip install --no-build-isolation --no-deps -e {folder}")
+    show(f"then  bench check {name}")
