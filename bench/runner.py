@@ -89,7 +89,7 @@ class _Attempt:
         task, curve = self.task, TrainingLog(self.spec.steps, self._reported)
         task.progress = curve.progress
         task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
-        _seed_global_generators(task, GLOBAL)
+        seed_global_generators(task, GLOBAL)
         self._reported("train", 0, self.spec.steps, {})
         with curve.clock:
             policy = method.train(task)
@@ -111,7 +111,7 @@ class _Attempt:
         self.stage = "evaluate"
         assert self.task is not None
         task, n, clock = self.task, self.spec.eval_episodes, Clock()
-        _seed_global_generators(task, GLOBAL_IN_EVALUATION)
+        seed_global_generators(task, GLOBAL_IN_EVALUATION)
         self._reported("evaluate", 0, n, {})
         with clock:
             policy = method.load_policy(self.folder.path / store.POLICY_FOLDER, task)
@@ -152,7 +152,7 @@ def resolved(method: Method, task: Task) -> dict[str, Any]:
     }
 
 
-def _seed_global_generators(task: Task, stream: str) -> None:
+def seed_global_generators(task: Task, stream: str) -> None:
     """Some learners draw from global generators: give each stage its own state, whatever ran before it."""
     import torch
 
