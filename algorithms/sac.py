@@ -15,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from algorithms.fast_sac import FastSAC, reproducible
 from algorithms.method import Method, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
+from algorithms.sac_checkpoint import Checkpointing, restore
 from algorithms.sb3_env import StableBaselinesEnv
 from envs.driving_env import ActionMode, DrivingVectorEnv
 from envs.observation import OBSERVATION_SIZE
@@ -129,6 +130,7 @@ def train_sac(
     """Train SAC within the task's budget and return its deterministic policy behind the same shield.
 
     The replay buffer holds the proposed action with the reward of what the shield made of it, r_risk included.
+    A training that was killed goes on from the task's last checkpoint, to the same result.
     """
     torch.set_num_threads(1)
     chosen = SACSettings.from_settings(task.settings)
@@ -150,7 +152,11 @@ def train_sac(
             seed=task.torch_seed(),
             device="cpu",
         )
-        model.learn(decisions, callback=_Progress(task, env))
+        before = task.checkpoints.load()
+        if before is not None:
+            restore(model, env, before)
+        callbacks: list[BaseCallback] = [_Progress(task, env), Checkpointing(task.checkpoints, env, before)]
+        model.learn(decisions - model.num_timesteps, callbacks, reset_num_timesteps=before is None)
     return deterministic_policy(model, action_mode, shield)
 
 

@@ -111,7 +111,7 @@ def cells(run: RunStatus) -> tuple[str, str, str, str, str]:
     """Progress, rate, time left, running collision rate and memory of a run, for people."""
     if run.phase is not Phase.RUNNING:
         return ("", "", duration(run.seconds) if run.phase is Phase.DONE else "", "", "")
-    unit = "episodes/s" if run.stage == "evaluate" else "steps/s"
+    unit = {"evaluate": "episodes/s", "risk model": "epochs/s"}.get(run.stage, "steps/s")
     left = run.eta_s
     collisions = run.scalars.get("collision_rate")
     return (
