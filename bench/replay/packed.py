@@ -115,7 +115,7 @@ def _series(values: npt.NDArray[Any], scale: float = 1.0) -> list[int]:
     return differences
 
 
-def compressed(replays: Sequence[Replay]) -> str:
+def packed_text(replays: Sequence[Replay]) -> str:
     """Replays that are shown together, as base64 of deflated JSON; the same replays give the same text."""
     text = json.dumps([packed(replay) for replay in replays], separators=(",", ":"), allow_nan=False)
     return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
