@@ -13,6 +13,9 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
+from torch.optim.adam import adam
+
+from algorithms.perceptron import ACTOR, FIRST, SECOND, FlatModule, Layer, Workspace, through_relu, write_gradient
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -63,83 +66,20 @@ class PackedReplayBuffer(ReplayBuffer):
         return torch.from_numpy(flat.take(times * self.n_envs + worlds, axis=0))
 
 
-def linear_layers(module: nn.Module) -> list[nn.Linear]:
-    """Linear layers of a module, in order."""
-    return [child for child in module.modules() if isinstance(child, nn.Linear)]
-
-
-ACTOR, FIRST, SECOND, GRADIENT = range(4)
-"""Who holds a buffer of a `Workspace`: hidden layers of the actor, of a critic, of the other one, or gradients."""
-
-
-class Workspace:
-    """Buffers for passes through ReLU perceptrons: products are written where the cache still holds the memory."""
-
-    def __init__(self) -> None:
-        self._buffers: dict[tuple[int, ...], Tensor] = {}
-
-    def buffer(self, holder: int, index: int, rows: int, width: int) -> Tensor:
-        """The buffer of a holder's layer, shape (rows, width), with whatever was written to it last."""
-        key = (holder, index, rows, width)
-        if key not in self._buffers:
-            self._buffers[key] = torch.empty(rows, width)
-        return self._buffers[key]
-
-    def forward(self, layers: list[nn.Linear], x: Tensor, holder: int) -> list[Tensor]:
-        """Activations of a perceptron: input, hidden layers after ReLU, linear output.
-
-        The holder's next pass overwrites the hidden layers.
-        """
-        activations = [x]
-        for index, layer in enumerate(layers[:-1]):
-            out = self.buffer(holder, index, len(x), layer.out_features)
-            torch.addmm(layer.bias, activations[-1], layer.weight.t(), out=out)
-            activations.append(out.relu_())
-        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].weight.t()))
-        return activations
-
-    def backward(
-        self, layers: list[nn.Linear], activations: list[Tensor], gradient: Tensor, weights: bool, inputs: bool
-    ) -> Tensor | None:
-        """Propagate the gradient of the output; write ``.grad`` of the weights, return that of the input, if wanted."""
-        for index in range(len(layers) - 1, -1, -1):
-            layer, before = layers[index], activations[index]
-            if weights:
-                write_gradient(layer, gradient, before)
-            if index == 0:
-                return torch.mm(gradient, layer.weight) if inputs else None
-            out = self.buffer(GRADIENT, index % 2, len(before), layer.in_features)
-            gradient = through_relu(torch.mm(gradient, layer.weight, out=out), before)
-        return None
-
-
-def through_relu(gradient: Tensor, output: Tensor) -> Tensor:
-    """The gradient, in place, where the output of the ReLU is positive; else 0."""
-    torch.ops.aten.threshold_backward.grad_input(gradient, output, 0.0, grad_input=gradient)
-    return gradient
-
-
-def write_gradient(layer: nn.Linear, gradient: Tensor, before: Tensor) -> None:
-    """Gradients of a layer's weight and bias from that of its output and from its input."""
-    assert layer.weight.grad is not None
-    assert layer.bias.grad is not None
-    torch.mm(gradient.t(), before, out=layer.weight.grad)
-    torch.sum(gradient, 0, out=layer.bias.grad)
-
-
-def flatten(module: nn.Module) -> nn.Parameter:
-    """One parameter that holds all of a module's, values and gradients: the module keeps views into it.
-
-    Adam works element by element; over one long vector it has no per-parameter work.
-    """
-    parameters = list(module.parameters())
-    flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
-    flat.grad = torch.zeros_like(flat)
-    sizes = [parameter.numel() for parameter in parameters]
-    for parameter, value, gradient in zip(parameters, flat.data.split(sizes), flat.grad.split(sizes), strict=True):
-        parameter.data = value.view_as(parameter)
-        parameter.grad = gradient.view_as(parameter)
-    return flat
+def adam_step(optimizer: torch.optim.Optimizer) -> None:
+    """One step of an optimiser with a single parameter: the kernel of `Adam.step` without what surrounds it."""
+    group = optimizer.param_groups[0]
+    (parameter,) = group["params"]
+    state = optimizer.state[parameter]
+    if not state:
+        state["step"] = torch.zeros(())
+        state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
+    beta1, beta2 = group["betas"]
+    adam(
+        [parameter], [parameter.grad], [state["exp_avg"]], [state["exp_avg_sq"]], [], [state["step"]],
+        fused=True, amsgrad=False, beta1=beta1, beta2=beta2, lr=group["lr"], weight_decay=0.0, eps=group["eps"],
+        maximize=False,
+    )  # fmt: skip
 
 
 class FastSAC(StableBaselinesSAC):
@@ -150,19 +90,24 @@ class FastSAC(StableBaselinesSAC):
     bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
     """
 
+    precision = torch.float32
+    """Of the products of matrices; parameters, optimisers and losses are 32-bit floats in any case."""
+
     def _setup_model(self) -> None:
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
-        flat_actor, self._online, self._slow = map(flatten, (self.actor, self.critic, self.critic_target))
-        for module, flat in ((self.actor, flat_actor), (self.critic, self._online)):
+        modules = (self.actor, self.critic, self.critic_target)
+        self._flat_actor, self._online, self._slow = (FlatModule(module, self.precision) for module in modules)
+        for module, flat in ((self.actor, self._flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
-            module.optimizer = torch.optim.Adam([flat], lr=group["lr"], fused=True)
-        self._space = Workspace()
+            module.optimizer = torch.optim.Adam([flat.vector], lr=group["lr"], fused=True)
+        self._space = Workspace(self.precision)
         # Mean and log standard deviation are two heads on one trunk.
-        self._trunk = linear_layers(self.actor.latent_pi)
-        self._mean, self._log_std = cast(nn.Linear, self.actor.mu), cast(nn.Linear, self.actor.log_std)
-        self._critics = [linear_layers(network) for network in self.critic.q_networks]
-        self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
+        self._trunk = self._flat_actor.layers(self.actor.latent_pi)
+        (self._mean,) = self._flat_actor.layers(cast(nn.Linear, self.actor.mu))
+        (self._log_std,) = self._flat_actor.layers(cast(nn.Linear, self.actor.log_std))
+        self._critics = [self._online.layers(network) for network in self.critic.q_networks]
+        self._targets = [self._slow.layers(network) for network in self.critic_target.q_networks]
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
@@ -170,6 +115,8 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
+        for flat in (self._flat_actor, self._online, self._slow):
+            flat.refresh()
         with torch.no_grad():
             for _ in range(gradient_steps):
                 sums += self._update(batch_size)
@@ -193,10 +140,11 @@ class FastSAC(StableBaselinesSAC):
         target = reward + (1.0 - terminated) * self.gamma * (value - alpha * following.log_prob)
         critic_loss = self._update_critics(state_action, target)
         actor_loss = self._update_actor(states, sample, alpha)
-        self._slow.data.lerp_(self._online.data, self.tau)
+        self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
+        self._slow.refresh()
         return alpha, actor_loss, critic_loss
 
-    def _least_value(self, critics: list[list[nn.Linear]], state_action: Tensor) -> Tensor:
+    def _least_value(self, critics: list[list[Layer]], state_action: Tensor) -> Tensor:
         """The smaller of both critics' values, shape (batch,)."""
         return torch.minimum(*(self._space.forward(critic, state_action, FIRST)[-1] for critic in critics))[:, 0]
 
@@ -205,7 +153,7 @@ class FastSAC(StableBaselinesSAC):
         # The trunk ends in a ReLU of its own.
         activations = self._space.forward([*self._trunk, self._mean], states, ACTOR)
         hidden, mean = activations[-2], activations[-1]
-        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t())
+        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t()).float()
         log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
         std = log_std.exp()
         action = torch.tanh(mean + std * noise)
@@ -219,7 +167,7 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
         self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
-        self.ent_coef_optimizer.step()
+        adam_step(self.ent_coef_optimizer)
         return alpha
 
     def _update_critics(self, state_action: Tensor, target: Tensor) -> float:
@@ -230,7 +178,8 @@ class FastSAC(StableBaselinesSAC):
             error = activations[-1][:, 0] - target
             loss += 0.5 * float(error.square().mean())
             self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
-        self.critic.optimizer.step()
+        adam_step(self.critic.optimizer)
+        self._online.refresh()
         return loss
 
     def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
@@ -255,16 +204,23 @@ class FastSAC(StableBaselinesSAC):
         to_log_std = to_mean * sample.std * sample.noise - alpha / batch
         to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
         self._backward_actor(sample.activations, to_mean, to_log_std)
-        self.actor.optimizer.step()
+        adam_step(self.actor.optimizer)
+        self._flat_actor.refresh()
         return float((alpha * sample.log_prob - value).mean())
 
     def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
         """Write the actor's gradients from those of its two heads."""
-        hidden = activations[-1]
+        hidden, to_mean, to_log_std = activations[-1], to_mean.to(self.precision), to_log_std.to(self.precision)
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
             write_gradient(head, incoming, hidden)
         gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
         self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=False)
+
+
+class HalfFastSAC(FastSAC):
+    """`FastSAC` with products in bfloat16: pays where the processor has matrix units for it (AMX)."""
+
+    precision = torch.bfloat16
 
 
 @dataclass(slots=True)

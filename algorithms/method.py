@@ -12,6 +12,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from algorithms.artefacts import Making
+from algorithms.checkpoints import Checkpoints, NoCheckpoints
 from envs.driving_env import ActionMode, BudgetExceededError, CostSignal, DrivingVectorEnv
 from envs.layout import EpisodeSource
 from envs.scenario import Scenario
@@ -89,6 +91,8 @@ class Task:
         settings: ``--set`` values for the method, for example ``{"learner": "sb3"}`` of ``sac.learner``.
         cache: Folder for artefacts shared between runs (driving agent, risk model).
         progress: Called with (simulation steps done, scalars) as training goes on.
+        making: Called with (what, done, of how much) while artefacts that runs share are being made.
+        checkpoints: Where a learner may keep its state, to go on after a kill; see `algorithms.checkpoints`.
     """
 
     scenario: Scenario
@@ -99,6 +103,8 @@ class Task:
     settings: Mapping[str, str] = field(default_factory=dict)
     cache: Path = Path("results/cache")
     progress: Progress = lambda _steps, _scalars: None
+    making: Making = lambda _what, _done, _total: None
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
     _env: DrivingVectorEnv | None = None
 
     def stream(self, name: str) -> np.random.SeedSequence:

@@ -59,7 +59,7 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
     def progress(scalars: Mapping[str, float]) -> None:
         task.progress(env.steps_done, {**training_scalars(env), **scalars})
 
-    trained = train_actor(algorithm, env, custom, chosen.rest, progress)
+    trained = train_actor(algorithm, env, custom, chosen.rest, progress, task.checkpoints)
     architecture = Architecture(
         (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
     )
@@ -73,7 +73,7 @@ class OnPolicyMethod(Method):
         algorithm: Name in OmniSafe.
     """
 
-    version = 1
+    version = 2
     setting_names = SETTING_NAMES
     bounds_cost = True
     algorithm: str

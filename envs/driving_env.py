@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, SupportsFloat
 
 import gymnasium
@@ -187,6 +187,32 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             if sum(map(len, batches)) >= count:
                 break
         return np.concatenate([self.no_episodes(), *batches])[-count:]
+
+    def snapshot(self) -> dict[str, npt.NDArray[Any]]:
+        """What later steps depend on, the shield apart: copies, for `restore`."""
+        kept = {name: values.copy() for name, values in self._kept().items()}
+        counters = np.array([self.decisions, self._next_episode])
+        return {**kept, "counters": counters, "finished": self.finished_episodes()}
+
+    def restore(self, kept: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from the `snapshot` of an environment that was made with the same arguments and source.
+
+        Raises:
+            ValueError: The worlds or their bodies are of another number.
+        """
+        for name, values in self._kept().items():
+            if kept[name].shape != values.shape:
+                raise ValueError(f"{name} has shape {kept[name].shape}; this environment needs {values.shape}.")
+            values[...] = kept[name]
+        self.decisions, self._next_episode = map(int, kept["counters"])
+        self._finished = [kept["finished"].astype(EPISODE)]
+        self._chunk = None
+
+    def _kept(self) -> dict[str, npt.NDArray[Any]]:
+        world = self.world
+        names = ("ego", "vehicles", "pedestrians", "episode", "active", "interventions", "observations")
+        bodies = world.ego, world.vehicles, world.pedestrians, world.episode
+        return dict(zip(names, (*bodies, self.active, self._interventions, self._observations), strict=True))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -386,12 +412,3 @@ class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
         from envs.rendering import render_world
 
         return render_world(self.vector.scenario, self.vector.world, 0)
-
-
-class SixTuple(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Safety-Gymnasium's interface: step returns observation, reward, cost, terminated, truncated, info."""
-
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
-        """Carry out one decision with its cost as the third value."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return observation, reward, float(info["cost"]), terminated, truncated, info

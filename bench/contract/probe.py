@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from algorithms.method import Budget, Method, Policy, Task, seed_sequence
 from bench.atomic import files_below
-from bench.runner import seed_global_generators
+from bench.runner import GLOBAL, seed_global_generators
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.layout import EpisodeSource, held_out_source
 from envs.observation import observation_bounds
@@ -127,7 +127,7 @@ def task_for(scenario: Scenario, cache: Path, alter: Alter | None = None) -> Pro
 def trial(method: Method, scenario: Scenario, cache: Path, alter: Alter | None = None) -> Trial:
     """Train and save; whatever the method raises comes through."""
     task = task_for(scenario, cache, alter)
-    seed_global_generators(task)
+    seed_global_generators(task, GLOBAL)
     policy = method.train(task)
     with tempfile.TemporaryDirectory() as folder:
         policy.save(Path(folder))
