@@ -22,6 +22,7 @@ from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX
 from envs.layout import CHUNK, EpisodeSource
 from envs.motion import ACCELERATION_MAX_MPS2
+from envs.plugins import UnavailableError
 from envs.scenario import LANE_WIDTH_M, STEP_S, Scenario, UnknownNameError, get_scenario
 from envs.trace import EpisodeTrace, record_episode
 from envs.world import Ending, Fault, FloatArray, Records, Shield
@@ -224,7 +225,7 @@ def command(
         model = risk_model(chosen, agent_steps, cache)
         factory: ShieldFactory = lambda _scenario: RiskGuard(model)  # noqa: E731
         return stress_guard(chosen, DD_RQ, episodes, driver, seed=seed, shield_factory=factory)
-    except ValueError as error:
+    except (ValueError, UnavailableError) as error:
         raise UsageError(str(error)) from error
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from algorithms.method import Budget, Policy, Task
-from algorithms.registry import UnavailableMethodError, get_method
+from algorithms.registry import get_method
 from bench import schema, store
 from bench.errors import BenchError, RecordError, UsageError
 from bench.evaluate import WORLDS, begin_evaluation, evaluation_env
@@ -19,6 +19,7 @@ from bench.records import Record
 from bench.replay.shield_watch import GuardView, watch
 from envs.driving_env import CostSignal, DrivingVectorEnv
 from envs.layout import EpisodeSource, held_out_source
+from envs.plugins import UnavailableError
 from envs.trace import EpisodeTrace, record_rows, seat
 
 UNCHECKED: Final = ("world", "end_step")
@@ -129,7 +130,7 @@ def load_policy(record: Record) -> tuple[Policy, Task]:
     try:
         method = get_method(spec.method)
         scenario = spec.resolve_scenario()
-    except (UnavailableMethodError, ValueError) as error:
+    except (UnavailableError, ValueError) as error:
         raise UsageError(f"{record.path.name}: {error}") from error
     if method.version != spec.method_version:
         raise UsageError(

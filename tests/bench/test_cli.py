@@ -133,10 +133,15 @@ def test_a_dry_run_lists_the_runs_and_makes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_all_names_what_is_unavailable(fakes: Path, tmp_path: Path, bench: Callable[..., Result]) -> None:
-    result = bench("run", "--algo", "all", "--protocol", "smoke", "--results", tmp_path, "--dry-run")
+def test_what_is_unavailable_is_named_and_stops_no_other(
+    fakes: Path, tmp_path: Path, bench: Callable[..., Result]
+) -> None:
+    arguments = ("--protocol", "smoke", "--results", tmp_path, "--dry-run")
+    result = bench("run", "--algo", "broken,fake-scripted", *arguments)
     assert "unavailable: broken:" in result.stderr
-    assert result.exit_code == 0
+    assert "1 of 1 runs to do" in result.stdout
+    assert "unavailable" not in bench("run", "--algo", "all", *arguments).stderr
+    assert bench("run", "--algo", "broken", *arguments).exit_code == 2
 
 
 def test_leaderboard_and_tables_refuse_bad_records_with_code_1(
