@@ -53,8 +53,11 @@ coverage: $(STAMP) ## Run the fast tests and hold the branch coverage of the cor
 slow: $(STAMP) ## Run the slow and the learning tests.
 	$(BIN)/python -m pytest -m "slow or learning"
 
-tables: $(STAMP) ## Draw the tables again from the committed records.
+tables: $(STAMP) ## Draw tables, leaderboard, claims and plots again from the committed records.
 	$(BIN)/bench tables
+	$(BIN)/bench leaderboard
+	$(BIN)/bench claims
+	$(BIN)/python -m paper_tables.readme
 
 clean: ## Remove .venv, caches and build leftovers; records stay.
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage .coverage.* build dist site *.egg-info

@@ -1,103 +1,95 @@
-"""What a run notes while its learner trains, through kills and resumes."""
+"""Training seen over time: means of the episodes that ended in each window of steps."""
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import functools
+from dataclasses import dataclass
 from typing import Any
 
-from bench.errors import LearnerDivergedError
+import numpy as np
+import numpy.typing as npt
 
-Report = Callable[[str, int, int, Mapping[str, float]], None]
-"""Called with stage, amount done, amount in all (simulation steps or episodes) and scalars."""
+from bench.records import Record
+from bench.schema import column
+from envs.scenario import STEP_S
+from envs.world import Ending
 
-
-@dataclass(slots=True)
-class Clock:
-    """Wall and processor seconds of a stage, over all attempts at it.
-
-    Attributes:
-        wall_s: Of what has ended.
-        cpu_s: Of what has ended.
-    """
-
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-    _started: tuple[float, float] | None = None
-
-    def __enter__(self) -> None:
-        """Start."""
-        self._started = time.perf_counter(), time.process_time()
-
-    def __exit__(self, *_: object) -> None:
-        """Stop."""
-        self.wall_s, self.cpu_s = self.now()
-        self._started = None
-
-    def now(self) -> tuple[float, float]:
-        """Wall and processor seconds so far."""
-        if self._started is None:
-            return self.wall_s, self.cpu_s
-        wall, cpu = self._started
-        return self.wall_s + time.perf_counter() - wall, self.cpu_s + time.process_time() - cpu
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """For ``run.json``."""
-        wall, cpu = self.now()
-        return {"wall_s": round(wall, 3), "cpu_s": round(cpu, 3)}
+Array = npt.NDArray[Any]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LearningCurve:
-    """What a learner reports; the host of its checkpoints (`algorithms.checkpoints.Host`).
+    """One run's training, window by window; NaN where no episode ended.
 
     Attributes:
-        total: Simulation steps in all.
-        report: Told of all progress.
-        clock: Of the training.
-        scalars: (simulation steps, name, value), the same for the same specification.
-        timeline: (simulation steps, seconds since the start of training, time between attempts left out).
-        resumes: Where the training went on after a kill: simulation steps, and what was complete there.
+        start: First step of each window, exclusive, shape (W,) [simulation steps of 0.1 s].
+        stop: Last step, inclusive, shape (W,).
+        wall_s: Seconds since training began at the end of each window, shape (W,); NaN without a timeline.
+        episodes: Episodes that ended in it, shape (W,).
+        returns: Mean of return_driving + return_comfort, shape (W,).
+        collision_rates: Share that ended in a collision, shape (W,).
+        speeds_mps: Mean of distance / time, shape (W,) [m/s].
+        intervention_ratios: Flagged steps / all steps, shape (W,).
     """
 
-    total: int
-    report: Report
-    clock: Clock = field(default_factory=Clock)
-    scalars: list[tuple[int, str, float]] = field(default_factory=list)
-    timeline: list[tuple[int, float]] = field(default_factory=list)
-    resumes: list[dict[str, Any]] = field(default_factory=list)
+    start: Array
+    stop: Array
+    wall_s: Array
+    episodes: Array
+    returns: Array
+    collision_rates: Array
+    speeds_mps: Array
+    intervention_ratios: Array
 
-    def progress(self, steps: int, scalars: Mapping[str, float]) -> None:
-        """The callback of `Task.progress`.
 
-        Raises:
-            LearnerDivergedError: A number is not finite.
-        """
-        for name, value in scalars.items():
-            if not math.isfinite(value):
-                raise LearnerDivergedError(f"{name} is {value} at simulation step {steps}.")
-            self.scalars.append((steps, name, float(value)))
-        self.timeline.append((steps, round(self.clock.now()[0], 3)))
-        self.report("train", steps, self.total, scalars)
+@functools.cache
+def of(record: Record, width: int) -> LearningCurve:
+    """The curve of a run in whole windows of so many steps; what is left at the end is left out.
 
-    def snapshot(self) -> dict[str, Any]:
-        """JSON values for a checkpoint."""
-        return {
-            "scalars": list(self.scalars),
-            "timeline": list(self.timeline),
-            "resumes": list(self.resumes),
-            "seconds": self.clock.now(),
-        }
+    Args:
+        record: The run.
+        width: Simulation steps in a window, at least 1.
 
-    def restore(self, values: dict[str, Any], steps: int, at: str) -> None:
-        """Go on from a `snapshot` that was taken after so many simulation steps."""
-        self.scalars[:] = [(at, name, value) for at, name, value in values["scalars"]]
-        self.timeline[:] = [(at, seconds) for at, seconds in values["timeline"]]
-        self.resumes[:] = [*values["resumes"], {"steps": steps, "at": at}]
-        wall, cpu = values["seconds"]
-        self.clock.wall_s += wall
-        self.clock.cpu_s += cpu
-        self.report("train", steps, self.total, {})
+    Raises:
+        ValueError: The width is below 1.
+        RecordError: The training episodes cannot be used.
+    """
+    if width < 1:
+        raise ValueError(f"width = {width}: pass at least one step.")
+    windows = record.spec.steps // width
+    stop = width * np.arange(1, windows + 1)
+    table = record.train_episodes()
+    data = {name: column(table, name).astype(np.float64) for name in _COLUMNS}
+    # An episode that ends with the last step of a window belongs to that window.
+    window = np.searchsorted(stop, data["end_step"], side="left")
+    inside = window < windows
+
+    def total(values: Array) -> Array:
+        summed: Array = np.bincount(window[inside], weights=values[inside], minlength=windows)
+        return summed
+
+    episodes = total(np.ones_like(data["end_step"]))
+    steps = total(data["steps"])
+    with np.errstate(invalid="ignore"):
+        return LearningCurve(
+            stop - width,
+            stop,
+            _wall_seconds(record, stop),
+            episodes.astype(np.int64),
+            total(data["return_driving"] + data["return_comfort"]) / episodes,
+            total(data["ending"] == Ending.COLLISION) / episodes,
+            total(data["distance"] / (STEP_S * data["steps"])) / episodes,
+            total(data["interventions"]) / steps,
+        )
+
+
+_COLUMNS = ("end_step", "steps", "return_driving", "return_comfort", "ending", "distance", "interventions")
+
+
+def _wall_seconds(record: Record, steps: Array) -> Array:
+    """Seconds at which so many steps were done, between the points of the run's timeline."""
+    points = np.array([[0, 0.0], *record.details.get("timeline", [])])
+    if len(points) < 2:
+        return np.full(len(steps), np.nan)
+    seconds: Array = np.interp(steps, points[:, 0], points[:, 1])
+    return seconds

@@ -1,15 +1,17 @@
-"""The paper's published figures, read from ``paper_tables/published.csv``, and our columns beside them."""
+"""The paper's published figures, read from ``paper_tables/published.csv``, and our columns beside them.
+
+Methods have their canonical names there, as in records; a test holds that, so that reading them loads no learner.
+"""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from algorithms.registry import UnavailableMethodError, get_method
 from bench.provenance import PROJECT
 
 PUBLISHED: Final = PROJECT / "paper_tables" / "published.csv"
@@ -22,6 +24,18 @@ CONTROLS: Final = {
     "collision": (),
 }
 """Columns that the paper does not have: what DD-RQ must beat for its risk model to matter."""
+PLUS: Final = {
+    "ablation": (
+        ("DD-RQ-plus", "dd-rq-plus"),
+        ("plus, mean share", "dd-rq-plus:share=mean"),
+        ("plus, shuffled", "dd-rq-plus:share=shuffled"),
+    ),
+    "collision": (("DD-RQ-plus", "dd-rq-plus"),),
+}
+"""Columns of a method that is not the paper's: shown where it has been run."""
+
+Recorded = Callable[[str, str], bool]
+"""Whether a method has been run on a scenario."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +52,7 @@ class Figure:
         metric: ``collision_rate``, ``speed_mps`` or ``intervention_ratio``.
         value: As printed; empty where the paper prints none.
         unit: As printed.
-        source: Where it is printed; empty for a control, which is not the paper's.
+        source: Where it is printed; empty for a column that is not the paper's.
     """
 
     table: str
@@ -53,32 +67,29 @@ class Figure:
     source: str
 
 
-def _canonical(method: str) -> str:
-    """A default parameter that is spelt out is left out, as in records."""
-    try:
-        return get_method(method).spec
-    except (UnavailableMethodError, ValueError):
-        return method
+def read_figures(recorded: Recorded = lambda _scenario, _method: False, path: Path = PUBLISHED) -> list[Figure]:
+    """All cells, the paper's and ours, in order of table and row.
 
-
-def read_figures(path: Path = PUBLISHED) -> list[Figure]:
-    """All cells, the paper's and the controls', in order of table and row."""
+    Args:
+        recorded: Decides on the columns of `PLUS`; without it there are none.
+        path: The published figures.
+    """
     with path.open(newline="", encoding="utf-8") as file:
         figures = [Figure(**row) for row in csv.DictReader(file)]
-    names = {method: _canonical(method) for method in {figure.method for figure in figures}}
-    figures = [dataclasses.replace(figure, method=names[figure.method]) for figure in figures]
-    return [cell for table in TITLES for cell in _with_controls(table, figures)]
+    return [cell for table in TITLES for cell in _with_ours(table, figures, recorded)]
 
 
-def _with_controls(table: str, figures: Sequence[Figure]) -> list[Figure]:
-    own = [figure for figure in figures if figure.table == table]
+def _with_ours(table: str, figures: Sequence[Figure], recorded: Recorded) -> list[Figure]:
+    rows: dict[tuple[str, str], list[Figure]] = {}
+    for figure in figures:
+        if figure.table == table:
+            rows.setdefault((figure.row, figure.stage), []).append(figure)
     cells: list[Figure] = []
-    for i, figure in enumerate(own):
-        cells.append(figure)
-        following = own[i + 1] if i + 1 < len(own) else None
-        if following is None or (following.row, following.stage) != (figure.row, figure.stage):
-            cells += [
-                dataclasses.replace(figure, column=column, method=method, value="", source="")
-                for column, method in CONTROLS[table]
-            ]
+    for row in rows.values():
+        plus = [(column, method) for column, method in PLUS[table] if recorded(row[0].scenario, method)]
+        cells += row
+        cells += [
+            dataclasses.replace(row[0], column=column, method=method, value="", source="")
+            for column, method in (*CONTROLS[table], *plus)
+        ]
     return cells

@@ -18,9 +18,9 @@ from bench.spec import RunSpec
 from bench.store import Failure, State, Store
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """One finished run.
+    """One finished run; equal only to itself, so that what is computed from it can be kept.
 
     Attributes:
         path: Its folder.

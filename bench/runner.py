@@ -19,11 +19,11 @@ from algorithms.registry import get_method
 from bench import schema, store
 from bench.errors import LearnerDivergedError, RunFailedError
 from bench.evaluate import evaluate
-from bench.learning_curve import Clock, LearningCurve, Report
 from bench.provenance import provenance, run_identity, without_paths
 from bench.records import Record, read_record
 from bench.spec import RunSpec
 from bench.store import Failure, RunFolder, Store
+from bench.training_log import Clock, Report, TrainingLog
 from envs.driving_env import CostSignal
 
 GLOBAL, GLOBAL_IN_EVALUATION = "global", "global in evaluation"
@@ -86,10 +86,10 @@ class _Attempt:
         """Train, write what training leaves, and return what ``run.json`` says of it."""
         self.stage = "train"
         assert self.task is not None
-        task, curve = self.task, LearningCurve(self.spec.steps, self._reported)
+        task, curve = self.task, TrainingLog(self.spec.steps, self._reported)
         task.progress = curve.progress
         task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
-        _seed_global_generators(task, GLOBAL)
+        seed_global_generators(task, GLOBAL)
         self._reported("train", 0, self.spec.steps, {})
         with curve.clock:
             policy = method.train(task)
@@ -111,7 +111,7 @@ class _Attempt:
         self.stage = "evaluate"
         assert self.task is not None
         task, n, clock = self.task, self.spec.eval_episodes, Clock()
-        _seed_global_generators(task, GLOBAL_IN_EVALUATION)
+        seed_global_generators(task, GLOBAL_IN_EVALUATION)
         self._reported("evaluate", 0, n, {})
         with clock:
             policy = method.load_policy(self.folder.path / store.POLICY_FOLDER, task)
@@ -152,7 +152,7 @@ def resolved(method: Method, task: Task) -> dict[str, Any]:
     }
 
 
-def _seed_global_generators(task: Task, stream: str) -> None:
+def seed_global_generators(task: Task, stream: str) -> None:
     """Some learners draw from global generators: give each stage its own state, whatever ran before it."""
     import torch
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
+from bench.errors import RecordError
 from bench.records import Record
 from bench.schema import column
 from envs.scenario import STEP_S
@@ -97,13 +100,15 @@ STEP_COLUMNS: Final = (
 EPISODE_COLUMNS: Final = ("return_driving", "return_comfort", "return_risk", "cost", "lane_changes")
 
 
+@functools.cache
 def count_record(record: Record, stage: str) -> StageCounts:
-    """Counts of stage ``T`` or ``A`` of a record.
+    """Counts of stage ``T`` or ``A`` of a record; each table is read once per process.
 
     Raises:
-        RecordError: Its table cannot be used.
+        RecordError: Its table cannot be used, or holds a number that is none.
     """
     table = record.train_episodes() if stage == "T" else record.eval_episodes()
+    _refuse_nan(record, stage, table)
     steps = column(table, "steps").astype(np.int64)
     distance = column(table, "distance").astype(np.float64)
     ending = column(table, "ending").astype(np.int64)
@@ -119,6 +124,15 @@ def count_record(record: Record, stage: str) -> StageCounts:
         episode_sums=np.array([column(table, name).sum(dtype=np.float64) for name in EPISODE_COLUMNS]),
         ttc_min_s=column(table, "ttc_min"),
     )
+
+
+def _refuse_nan(record: Record, stage: str, table: pa.Table) -> None:
+    for field in table.schema:
+        if pa.types.is_floating(field.type) and np.isnan(column(table, field.name)).any():
+            raise RecordError(
+                f"{record.path.name}: {field.name} of stage {stage} holds NaN, so no figure of it can be trusted: "
+                "remove the folder and run it again."
+            )
 
 
 def pooled(counts: Sequence[StageCounts]) -> StageCounts:

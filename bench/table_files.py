@@ -45,12 +45,14 @@ class Table:
         title: As in the paper.
         cells: In order of row, then column.
         caption: What the figures rest on.
+        remarks: What follows from the figures.
     """
 
     name: str
     title: str
     cells: tuple[Cell, ...]
     caption: str
+    remarks: tuple[str, ...] = ()
 
     def columns(self) -> list[str]:
         """Labels of the columns."""
@@ -62,6 +64,10 @@ class Table:
         for cell in self.cells:
             grouped.setdefault((cell.figure.row, cell.figure.stage), []).append(cell)
         return [(*key, cells) for key, cells in grouped.items()]
+
+    def seeds(self) -> list[str]:
+        """Number of seeds behind each column, empty where there is none."""
+        return [str(cell.seeds or "") for cell in self.rows()[0][2]]
 
     def notes(self) -> list[str]:
         """Different reasons, in order of appearance; cells refer to them by number from 1."""
@@ -112,6 +118,7 @@ def to_markdown(table: Table) -> str:
         "",
         f"| {' | '.join(heading)} |",
         "|" + "---|" * len(heading),
+        f"| {' | '.join(['Seeds', '', 'here', *table.seeds()])} |",
     ]
     for row, stage, cells in table.rows():
         here = [" ".join(filter(None, (cell.text, _reference(cell, notes)))) for cell in cells]
@@ -119,6 +126,7 @@ def to_markdown(table: Table) -> str:
         lines.append("| " + " | ".join([row, stage, "here", *here]) + " |")
         lines.append("| " + " | ".join(["", "", "paper", *paper]) + " |")
     lines += ["", *(f"[{i}] {note}  " for i, note in enumerate(notes, 1))]
+    lines += [line for remark in table.remarks for line in ("", remark)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -157,16 +165,17 @@ def to_latex(table: Table) -> str:
         f"\\begin{{tabular}}{{lll{'c' * len(columns)}}}",
         r"\toprule",
         " & ".join(["", "Stage", "", *map(escape, columns)]) + r" \\",
+        " & ".join(["Seeds", "", "here", *table.seeds()]) + r" \\",
     ]
     for row, stage, cells in table.rows():
         lines.append(r"\midrule")
         lines.append(" & ".join([escape(row), stage, "here", *(_tex_cell(cell, notes) for cell in cells)]) + r" \\")
         lines.append(" & ".join(["", "", "paper", *(escape(_published(c.figure)) for c in cells)]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}"]
-    if notes:
-        lines += ["", r"\smallskip", r"\begin{flushleft}"]
-        lines += [f"\\textsuperscript{{{i}}} {escape(note)}\\\\" for i, note in enumerate(notes, 1)]
-        lines.append(r"\end{flushleft}")
+    below = [f"\\textsuperscript{{{i}}} {escape(note)}" for i, note in enumerate(notes, 1)]
+    below += [escape(remark) for remark in table.remarks]
+    if below:
+        lines += ["", r"\smallskip", r"\begin{flushleft}", *(f"{line}\\\\" for line in below), r"\end{flushleft}"]
     lines.append(r"\end{table*}")
     return "\n".join(lines) + "\n"
 

@@ -1,12 +1,12 @@
 """The paper's two tables with our figures in them, from records alone.
 
-A table holds one budget (training steps, held-out episodes): the one that fills most of its columns, and
-among equals the largest. Only runs with the default cost and settings count. A cell without a run stays empty
-and gives its reason. Intervals are over seeds: `bench.statistics.seed_rate` for collisions, Student's t else.
+A table holds one budget (training steps, held-out episodes), see `bench.selection`. A cell without a run stays
+empty and gives its reason. Intervals are over seeds: `bench.statistics.seed_rate` for collisions, Student's t else.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,18 +15,15 @@ from typing import Final
 
 import numpy as np
 
-from bench import atomic, table_files
+from bench import atomic, controls, table_files
 from bench.published import TITLES, Figure, read_figures
-from bench.records import Collection, Record
-from bench.settings import DEFAULT_LIMIT, DEFAULT_SIGNAL
-from bench.spec import RunSpec
+from bench.records import Collection
+from bench.selection import Selection, select, tried
 from bench.statistics import Interval, Rate, SeedInterval, format_rate, seed_rate
 from bench.statistics.resampling import t_interval
-from bench.summary import StageCounts, count_record
+from bench.summary import StageCounts
 from bench.table_files import Cell, Table
 
-Budget = tuple[int, int]
-"""Training steps, held-out episodes."""
 LEVEL: Final = 0.95
 
 
@@ -59,10 +56,9 @@ def write(collection: Collection, folder: Path, steps: int | None = None) -> lis
         The files.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    figures = read_figures()
     paths = []
     for name in TITLES:
-        table = build(name, [figure for figure in figures if figure.table == name], collection, steps)
+        table = build(name, collection, steps)
         for suffix, render in table_files.FORMATS.items():
             path = folder / f"{name}.{suffix}"
             atomic.write_file(path, render(table).encode())
@@ -70,83 +66,37 @@ def write(collection: Collection, folder: Path, steps: int | None = None) -> lis
     return paths
 
 
-def build(name: str, figures: Sequence[Figure], collection: Collection, steps: int | None = None) -> Table:
-    """One table."""
-    records = [record for record in collection.records if _counts(record.spec, steps)]
-    wanted = list(dict.fromkeys((figure.scenario, figure.method) for figure in figures))
-    budget = choose_budget([record.spec for record in records], wanted)
-    groups = {
-        (scenario, method): sorted(
-            (r for r in records if _fits(r.spec, scenario, method) and _budget(r.spec) == budget),
-            key=lambda record: record.spec.seed,
-        )
-        for scenario, method in wanted
-    }
-    counted: dict[tuple[str, str, str], list[StageCounts]] = {}
-    cells = []
-    for figure in figures:
-        group = groups[figure.scenario, figure.method]
-        key = (figure.scenario, figure.method, figure.stage)
-        if key not in counted:
-            counted[key] = [count_record(record, figure.stage) for record in group]
-        cells.append(_cell(figure, group, counted[key], absence(figure, collection, budget, steps)))
-    return Table(name, TITLES[name], tuple(cells), _caption(budget, records, wanted))
+def build(name: str, collection: Collection, steps: int | None = None) -> Table:
+    """One table: ``ablation`` or ``collision``."""
+    figures = table_figures(name, collection)
+    selection = table_selection(name, collection, steps)
+    cells = tuple(cell(figure, selection) for figure in figures)
+    scenario = figures[0].scenario
+    remarks = controls.remarks(selection, scenario) if name == "ablation" else []
+    return Table(name, TITLES[name], cells, _caption(selection, scenario, cells), tuple(remarks))
 
 
-def _counts(spec: RunSpec, steps: int | None) -> bool:
-    defaults = spec.cost_limit == DEFAULT_LIMIT and spec.cost_signal == DEFAULT_SIGNAL and not spec.settings
-    return defaults and (steps is None or spec.steps == steps)
+def table_figures(name: str, collection: Collection) -> list[Figure]:
+    """Cells of a table; columns of our own methods only where they have been run."""
+    return [figure for figure in read_figures(functools.partial(tried, collection)) if figure.table == name]
 
 
-def _fits(spec: RunSpec, scenario: str, method: str) -> bool:
-    return spec.scenario == scenario and spec.method == method
+def table_selection(name: str, collection: Collection, steps: int | None = None) -> Selection:
+    """The runs of a table; the paper's columns and their controls decide on the budget."""
+    wanted = [(figure.scenario, figure.method) for figure in read_figures() if figure.table == name]
+    return select(collection, list(dict.fromkeys(wanted)), steps)
 
 
-def _budget(spec: RunSpec) -> Budget:
-    return spec.steps, spec.eval_episodes
-
-
-def choose_budget(specs: Sequence[RunSpec], wanted: Sequence[tuple[str, str]]) -> Budget | None:
-    """The budget at which most (scenario, method) pairs have a run, then the largest; None without runs."""
-    pairs: dict[Budget, set[tuple[str, str]]] = {}
-    for spec in specs:
-        if (spec.scenario, spec.method) in wanted:
-            pairs.setdefault(_budget(spec), set()).add((spec.scenario, spec.method))
-    return max(pairs, key=lambda budget: (len(pairs[budget]), budget), default=None)
-
-
-def absence(figure: Figure, collection: Collection, budget: Budget | None, steps: int | None) -> str:
-    """What is missing for a figure at the table's budget, in one line; empty where nothing is."""
-    lost = [
-        f"seed {missing.spec.seed} {missing.reason}"
-        for missing in collection.missing
-        if _fits(missing.spec, figure.scenario, figure.method)
-        and _counts(missing.spec, steps)
-        and (budget is None or _budget(missing.spec) == budget)
-    ]
-    if lost:
-        return "; ".join(sorted(lost))
-    found = {
-        _budget(record.spec)
-        for record in collection.records
-        if _fits(record.spec, figure.scenario, figure.method) and _counts(record.spec, None)
-    }
-    if budget in found:
-        return ""
-    if found:
-        others = " and ".join(f"{s:,} steps with {e:,} episodes" for s, e in sorted(found))
-        return f"only run with {others}"
-    return f"no run; bench run --algo {figure.method} --scenario {figure.scenario} makes one"
-
-
-def _cell(figure: Figure, group: Sequence[Record], counts: Sequence[StageCounts], missing: str) -> Cell:
-    if not group:
+def cell(figure: Figure, selection: Selection) -> Cell:
+    """Our figure beside a published one, or the reason why there is none."""
+    counts = selection.counts(figure.scenario, figure.method, figure.stage)
+    missing = selection.absence(figure.scenario, figure.method)
+    if not counts:
         return Cell(figure, "", math.nan, Interval.none(LEVEL), 0, 0, missing)
     measured = METRICS[figure.metric](counts)
-    reason = missing
     if math.isnan(measured.value):
-        reason = "; ".join(filter(None, ("no finished episode", missing)))
-    return Cell(figure, measured.text, measured.value, measured.interval, measured.n, len(group), reason)
+        missing = "; ".join(filter(None, ("no finished episode", missing)))
+    return Cell(figure, measured.text, measured.value, measured.interval, measured.n, len(counts), missing)
 
 
 def _collision_rate(counts: Sequence[StageCounts]) -> Measured:
@@ -190,14 +140,16 @@ METRICS: Final[dict[str, Callable[[Sequence[StageCounts]], Measured]]] = {
 }
 
 
-def _caption(budget: Budget | None, records: Sequence[Record], wanted: Sequence[tuple[str, str]]) -> str:
-    if budget is None:
+def _caption(selection: Selection, scenario: str, cells: Sequence[Cell]) -> str:
+    filled = [cell for cell in cells if cell.seeds]
+    if selection.budget is None or not filled:
         return "No run yet."
-    used = [r for r in records if (r.spec.scenario, r.spec.method) in wanted and _budget(r.spec) == budget]
-    seeds = sorted({record.spec.seed for record in used})
-    scenarios = ", ".join(sorted({record.spec.scenario_id for record in used}))
+    steps, episodes = selection.budget
+    ids = {r.spec.scenario_id for c in filled for r in selection.records(scenario, c.figure.method)}
+    seeds = sorted({cell.seeds for cell in filled})
+    number = f"{seeds[0]} seed{'s' if seeds[0] != 1 else ''}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]} seeds"
     return (
-        f"Scenario {scenarios}; {budget[0]:,} training steps of 0.1 s, {budget[1]:,} held-out episodes for "
-        f"each of {len(seeds)} seed{'s' if len(seeds) != 1 else ''}. "
-        "T: training, A: application. In brackets 95 % intervals over seeds; a zero gives a one-sided bound."
+        f"Scenario {', '.join(sorted(ids))}; {steps:,} training steps of 0.1 s, {episodes:,} held-out episodes for "
+        f"each of {number}. T: training, A: application. In brackets 95 % intervals over seeds; a zero gives a "
+        "one-sided bound."
     )

@@ -37,6 +37,47 @@ def tables(
     from bench import tables as drawn
     from bench.records import collect
 
-    folder = out or (Path("paper_tables") if results == RESULTS else results / "paper_tables")
-    for path in drawn.write(collect(results), folder, steps):
+    for path in drawn.write(collect(results), out or _tables_folder(results), steps):
         show(str(path))
+
+
+@app.command()
+@reports_errors
+def claims(results: Results = RESULTS, as_json: AsJson = False) -> None:
+    """Test the paper's claims C1 to C5 on the records, and write claims.json; rules in docs/claims.md."""
+    from bench import claims as tested
+    from bench.records import collect
+    from bench.text import json_text
+
+    found = tested.judge(collect(results))
+    path = tested.write(results, found)
+    show(json_text(tested.as_values(found)) if as_json else f"{tested.as_text(found)}\n\n{path}")
+
+
+@app.command()
+@reports_errors
+def why(
+    table: Annotated[str, typer.Argument(metavar="TABLE", help="ablation, collision or leaderboard.")],
+    cell: Annotated[
+        list[str],
+        typer.Argument(metavar="CELL", help="METHOD FIGURE STAGE; leaderboard: then [SCENARIO] [COLUMN=VALUE ...]."),
+    ],
+    results: Results = RESULTS,
+    as_json: AsJson = False,
+) -> None:
+    """Name the records, seeds, commits and query behind a cell, and compute it again from them.
+
+    As in: bench why ablation dd-rq "Collision Rate" A. Ends with 1 if the written table says something else.
+    """
+    from bench import why as traced
+    from bench.records import collect
+    from bench.text import json_text
+
+    address = traced.parse(table, cell)
+    found = traced.trace(address, collect(results), results if table == "leaderboard" else _tables_folder(results))
+    show(json_text(traced.as_values(found)) if as_json else traced.as_text(found))
+    raise typer.Exit(0 if found.agrees else 1)
+
+
+def _tables_folder(results: Path) -> Path:
+    return Path("paper_tables") if results == RESULTS else results / "paper_tables"

@@ -3,6 +3,7 @@
 Nothing here reads records or draws from a global generator. Which function answers which question:
 
 - `seed_rate`: a collision rate of a *method*, for new seeds. `exact_rate`: of one policy, for new episodes.
+- `mean_difference`, `mean_ratio`, `rate_difference`: two methods against each other, for new seeds.
 - `iqm_interval`, `probability_of_improvement_interval`: returns and speeds.
 - `mcnemar_exact` with `holm`: collisions of these policies on the common held-out list;
   `paired_mean_difference`: the same for new seeds.
@@ -16,6 +17,7 @@ from bench.statistics.association import (
     spearman,
     spearman_interval,
 )
+from bench.statistics.differences import mean_difference, mean_ratio, rate_difference
 from bench.statistics.exposure import Exposure, collisions_per_1000_km
 from bench.statistics.improvement import probability_of_improvement, probability_of_improvement_interval
 from bench.statistics.intervals import Estimate, Interval
@@ -54,11 +56,14 @@ __all__ = [
     "iqm",
     "iqm_interval",
     "mcnemar_exact",
+    "mean_difference",
+    "mean_ratio",
     "paired_mean_difference",
     "percentile_seed_rate",
     "performance_profile",
     "probability_of_improvement",
     "probability_of_improvement_interval",
+    "rate_difference",
     "reliability",
     "seed_rate",
     "spearman",

@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -136,35 +136,99 @@ def make_spec() -> Callable[..., RunSpec]:
 def make_record(make_spec: Callable[..., RunSpec]) -> Callable[..., Path]:
     """Writes a finished record with drawn episodes, without running anything."""
 
-    def make(results: Path, collisions: int = 0, train_collisions: int = 0, **changes: Any) -> Path:
-        spec = make_spec(**changes)
-        with Store(results).begin(spec) as folder:
-            folder.write_run(
-                {
-                    "provenance": {"git": {"commit": "0" * 40, "dirty": False}},
-                    "steps_done": spec.steps,
-                    "timing": {
-                        "train": {"wall_s": 2.0, "cpu_s": 1.5},
-                        "evaluate": {"wall_s": 1.0, "cpu_s": 0.5},
-                    },
-                    "timeline": [],
-                    "trains": spec.steps > 0,
-                }
-            )
-            folder.write_policy(lambda path: (path / "action.json").write_text("[0, 0]") and None)
-            trained = drawn_episodes(50 if spec.steps else 0, train_collisions, spec.seed)
-            evaluated = drawn_episodes(spec.eval_episodes, collisions, spec.seed + 100)
-            folder.write(store.TRAIN_FILE, schema.to_bytes(schema.episodes_table(trained)))
-            folder.write(store.EVAL_FILE, schema.to_bytes(schema.episodes_table(evaluated)))
-            folder.write(store.SCALARS_FILE, schema.to_bytes(schema.scalars_table([])))
-            folder.finish()
-        return folder.path
+    def make(
+        results: Path,
+        collisions: int = 0,
+        train_collisions: int = 0,
+        trained: int = 50,
+        look: Mapping[str, float] | None = None,
+        **changes: Any,
+    ) -> Path:
+        return write_record(results, make_spec(**changes), collisions, train_collisions, trained, look or {})
 
     return make
 
 
-def drawn_episodes(count: int, collisions: int, seed: int) -> np.ndarray:
-    """So many episodes of 100 to 900 steps; the first ones end in a side collision, the rest at the goal."""
+@pytest.fixture(scope="session")
+def standard_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seeds of all methods of both tables as the paper describes them: every claim holds. Read only."""
+    results = tmp_path_factory.mktemp("standard")
+    for scenario, methods in STANDARD.items():
+        for method, (collisions, look) in methods.items():
+            for seed in range(3):
+                spec = RunSpec(
+                    method=method,
+                    method_version=1,
+                    scenario=scenario,
+                    scenario_version=1,
+                    seed=seed,
+                    steps=500_000,
+                    eval_episodes=1_000,
+                )
+                write_record(results, spec, collisions, collisions, 900, look)
+    return results
+
+
+OURS = {"speed_mps": 12.6, "flagged": 0.02, "pay": 3.0}
+GUARD = {"speed_mps": 11.9, "flagged": 0.06, "pay": 2.5}
+FREE = {"speed_mps": 13.0, "flagged": 0.0, "pay": 2.0}
+STANDARD = {
+    "a": {
+        "dd-rq": (0, OURS),
+        "dd-rq:tc=mean": (0, {**OURS, "speed_mps": 12.0}),
+        "dd-rq:rq=shuffled": (0, OURS),
+        **{f"safety-guard{tc}": (0, GUARD) for tc in (":tc=1.0", "", ":tc=5.0", ":tc=7.0")},
+        "sac": (400, FREE),
+    },
+    "b": {
+        "dd-rq": (0, OURS),
+        "safety-guard": (0, GUARD),
+        **{method: (600, FREE) for method in ("sac", "cpo", "focops", "trpo-lag")},
+    },
+}
+
+
+def write_record(
+    results: Path, spec: RunSpec, collisions: int, train_collisions: int, trained: int, look: Mapping[str, float]
+) -> Path:
+    """A finished record of drawn episodes."""
+    with Store(results).begin(spec) as folder:
+        folder.write_run(
+            {
+                "provenance": {"git": {"commit": "0" * 40, "dirty": False}},
+                "steps_done": spec.steps,
+                "timing": {
+                    "train": {"wall_s": 2.0, "cpu_s": 1.5},
+                    "evaluate": {"wall_s": 1.0, "cpu_s": 0.5},
+                },
+                "timeline": [[spec.steps // 2, 0.5], [spec.steps, 2.0]] if spec.steps else [],
+                "trains": spec.steps > 0,
+            }
+        )
+        folder.write_policy(lambda path: (path / "action.json").write_text("[0, 0]") and None)
+        episodes = drawn_episodes(trained if spec.steps else 0, train_collisions, spec.seed, **look)
+        episodes["end_step"] = np.linspace(0, spec.steps, len(episodes) + 1)[1:].astype(np.int64)
+        evaluated = drawn_episodes(spec.eval_episodes, collisions, spec.seed + 100, **look)
+        folder.write(store.TRAIN_FILE, schema.to_bytes(schema.episodes_table(episodes)))
+        folder.write(store.EVAL_FILE, schema.to_bytes(schema.episodes_table(evaluated)))
+        folder.write(store.SCALARS_FILE, schema.to_bytes(schema.scalars_table([])))
+        folder.finish()
+    return folder.path
+
+
+def drawn_episodes(
+    count: int, collisions: int, seed: int, speed_mps: float = 12.0, flagged: float = 0.02, pay: float = 2.0
+) -> np.ndarray:
+    """So many episodes of 100 to 900 steps; the first ones end in a side collision, the rest at the goal.
+
+    Args:
+        count: Episodes.
+        collisions: Of them.
+        seed: Of the lengths.
+        speed_mps: Of each episode [m/s].
+        flagged: Share of steps with an intervention, rounded down in each episode.
+        pay: Driving reward of a step.
+    """
     rng = np.random.default_rng(seed)
     episodes = np.zeros(count, EPISODE)
     episodes["episode"] = np.arange(count)
@@ -172,9 +236,9 @@ def drawn_episodes(count: int, collisions: int, seed: int) -> np.ndarray:
     episodes["ending"] = np.where(np.arange(count) < collisions, Ending.COLLISION, Ending.GOAL)
     episodes["fault"] = np.where(np.arange(count) < collisions, Fault.SIDE, Fault.NONE)
     episodes["ego_at_fault"] = np.arange(count) < collisions
-    episodes["distance"] = 1.2 * episodes["steps"]
-    episodes["interventions"] = episodes["steps"] // 50
-    episodes["return_driving"] = 2.0 * episodes["steps"]
+    episodes["distance"] = 0.1 * speed_mps * episodes["steps"]
+    episodes["interventions"] = flagged * episodes["steps"]
+    episodes["return_driving"] = pay * episodes["steps"]
     episodes["return_comfort"] = -1.0
-    episodes["ttc_min"] = np.inf
+    episodes["ttc_min"] = np.where(np.arange(count) % 4, 1.0 + np.arange(count) % 7, np.inf)
     return episodes

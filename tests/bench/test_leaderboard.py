@@ -1,15 +1,18 @@
 """Rows pool counts over seeds, never over budgets; the same records give the same bytes, fast."""
 
 import csv
+import hashlib
 import math
 import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
-from bench import leaderboard
+from bench import leaderboard, schema, store
+from bench.errors import RecordError
 from bench.leaderboard import COLUMNS, rows, to_csv, to_markdown
 from bench.records import collect
 from bench.statistics import exact_rate
@@ -37,7 +40,8 @@ def test_seeds_are_pooled_and_every_figure_is_the_one_worked_by_hand(tmp_path: P
     assert applied["goal"] + applied["collision"] + applied["off_road"] + applied["time_out"] == pytest.approx(1.0)
     assert applied["return_comfort"] == pytest.approx(-1.0)
     assert applied["return_without_risk"] == pytest.approx(applied["return_driving"] - 1.0)
-    assert math.isinf(applied["ttc_min_median_s"])
+    # Of episodes 0 to 19 every fourth is inf, the others 1 + i % 7: nine are below 5, two are 5, four above, five inf.
+    assert applied["ttc_min_median_s"] == 5.0
     assert (applied["wall_s"], trained["wall_s"]) == (1.0, 2.0)
     assert trained["collision_rate"] == pytest.approx(0.25)
 
@@ -120,3 +124,24 @@ def test_200_runs_of_10000_episodes_aggregate_within_10_s(tmp_path: Path, make_r
     found = rows(collect(tmp_path).records)
     assert time.process_time() - start < 10.0
     assert sum(row["episodes"] for row in found if row["stage"] == "A") == 2_000_000
+
+
+def test_every_column_is_documented_as_the_code_describes_it() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "results.md").read_text()
+    assert leaderboard.RANKING in text
+    assert [name for name, meaning in COLUMNS.items() if f"| `{name}` | {meaning} |" not in text] == []
+
+
+@pytest.mark.parametrize("name", ["return_driving", "ttc_min"])
+def test_a_record_that_holds_nan_is_refused_by_name(tmp_path: Path, make_record: MakeRecord, name: str) -> None:
+    make_record(tmp_path)
+    (record,) = collect(tmp_path).records
+    table = record.eval_episodes()
+    at = table.column_names.index(name)
+    values = table.column(name).to_numpy().copy()
+    values[3] = math.nan
+    content = schema.to_bytes(table.set_column(at, table.schema.field(name), pa.array(values)))
+    (record.path / store.EVAL_FILE).write_bytes(content)
+    record.seals[store.EVAL_FILE] = hashlib.sha256(content).hexdigest()
+    with pytest.raises(RecordError, match=f"a-v1_fake-learner_s0_.*: {name} of stage A holds NaN"):
+        rows([record])

@@ -29,9 +29,15 @@ ray_warnings = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::py
                                           "ignore::FutureWarning", "ignore::DeprecationWarning")  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def equal_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray's workers give way to all others by default: on a busy machine they would starve."""
+    monkeypatch.setenv("RAY_worker_niceness", "0")
+
+
 @pytest.fixture
 def cluster() -> Iterator[Any]:
-    """A head without cores for runs to begin with, so that the second node gets the first of them."""
+    """The head, with a core for one run; nodes are added by tests."""
     utilities = importlib.import_module("ray.cluster_utils")
     node = {"object_store_memory": 80 * 2**20, "include_dashboard": False}
     made = utilities.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, **node})

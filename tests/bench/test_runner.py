@@ -153,7 +153,7 @@ def test_a_driver_that_does_not_train_has_no_t_stage(fakes: Path, tmp_path: Path
         ("fake-failing", r"step 240 \(train\): RuntimeError: the learner tripped"),
         ("fake-diverging", r"step 140 \(train\): loss is nan at simulation step 140"),
         ("fake-greedy", r"step 2000 \(train\): BudgetExceededError: The budget of 100 decisions"),
-        ("broken", r"step 0 \(setup\): UnavailableMethodError"),
+        ("broken", r"step 0 \(setup\): UnavailableError"),
     ],
 )
 def test_a_failure_names_stage_step_and_reason(
