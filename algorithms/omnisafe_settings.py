@@ -90,8 +90,7 @@ class OmniSafeSettings:
 
 SETTING_NAMES: Final = tuple(item.name for item in fields(OmniSafeSettings))
 
-# A multiplier of 100 lets the first updates lower the cost: where every policy near the present one crashes, no
-# multiplier finds the way back to safety, so it has to fall from above.
+# TRPO-Lag's multiplier starts high: once every policy near the present one crashes, it does not find the way back.
 _TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
     {
         "FOCOPS": OmniSafeSettings(
