@@ -40,7 +40,7 @@ LANE_NAMES: Final = ("right lane", "middle lane", "left lane")
 AHEAD_M: Final = 130.0
 BEHIND_M: Final = 50.0
 """Bodies farther from the ego than this are left out of the lanes [m]."""
-SEEN_M: Final = 3.0
+SEEN_M: Final = 4.0
 """A pedestrian's box is drawn this long, or nobody would see it [m]."""
 
 
@@ -139,7 +139,7 @@ def _plan(axes: Axes, trace: EpisodeTrace) -> None:
     for body, alpha in [*((other, 0.1) for other in others), (ego, 0.35)]:
         there = body.there
         opacity = 0.9 if body.colour == PEDESTRIAN_COLOUR else alpha
-        _boxes(axes, body.s[there], body.d[there], body.length_m, body.width_m, body.colour, opacity)
+        _boxes(axes, body.s[there], body.d[there], max(body.length_m, SEEN_M), body.width_m, body.colour, opacity)
     for edge in range(LANES + 1):
         solid = edge in (0, LANES)
         line = "-" if solid else (0, (6, 6))
