@@ -5,13 +5,16 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from algorithms import atomic
+
+Making = Callable[[str, int, int], None]
+"""Called with what is being made, how much of it is done, and of how much in all."""
 
 
 @contextmanager
@@ -32,12 +35,9 @@ def cached(folder: Path, build: Callable[[Path], None]) -> Path:
     """
     with _exclusive(folder.with_suffix(".lock")):
         if not folder.exists():
-            scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-            try:
-                build(scratch)
-                os.rename(scratch, folder)
-            finally:
-                shutil.rmtree(scratch, ignore_errors=True)
+            for leftover in folder.parent.glob(f"{atomic.TEMPORARY}*-{folder.name}"):
+                shutil.rmtree(leftover, ignore_errors=True)
+            atomic.write_folder(folder, build)
     return folder
 
 

@@ -66,6 +66,14 @@ class RiskGuard(SafetyGuard):
         """Seed the shuffled control."""
         self._rng = np.random.default_rng(seed)
 
+    def snapshot(self) -> dict[str, Any]:
+        """State of the shuffled control's generator; all else is refreshed at the next decision."""
+        return {"generator": dict(self._rng.bit_generator.state)}
+
+    def restore(self, values: dict[str, Any]) -> None:
+        """Go on from a `snapshot`."""
+        self._rng.bit_generator.state = values["generator"]
+
     def observe(self, observations: Observations) -> None:
         """RQ and IR of every world, held until the next decision."""
         output = self.model(observations)
@@ -157,7 +165,7 @@ class DDRQ(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and risk model, then train behind the guard that they steer."""
-        model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache)
+        model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache, making=task.making)
         shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
         shield.begin(task.stream("shield"))
         trained = train_sac(task, shield)

@@ -88,7 +88,7 @@ class DDRQPlus(Method):
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""
         steps = min(task.budget.steps, AGENT_STEPS_MAX)
-        model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT))
+        model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
         shield = self.shield(model)
         shield.begin(task.stream("shield"))
         trained = train_sac(task, shield)

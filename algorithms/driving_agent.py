@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from algorithms.artefacts import cached, digest
-from algorithms.method import Budget, Task
+from algorithms.checkpoints import FileCheckpoints
+from algorithms.identity import learning_identity
+from algorithms.method import Budget, Progress, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.sac import SACSettings, train_sac
 from envs.driving_env import ActionMode
@@ -43,24 +45,45 @@ class DrivingAgentSpec:
         return f"driving-agent-{digest(identity)}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Curve:
+    """The learning curve of an agent, through kills and resumes."""
+
+    points: list[dict[str, float]]
+    progress: Progress
+
+    def record(self, steps: int, scalars: Mapping[str, float]) -> None:
+        self.points.append({"steps": steps, **scalars})
+        self.progress(steps, scalars)
+
+    def snapshot(self) -> dict[str, Any]:
+        return {"points": list(self.points)}
+
+    def restore(self, values: dict[str, Any], steps: int, at: str) -> None:
+        self.points[:] = values["points"]
+        self.progress(steps, {})
+
+
 def driving_agent(
-    spec: DrivingAgentSpec, cache: Path, progress: Callable[[int, Mapping[str, float]], None] | None = None
+    spec: DrivingAgentSpec, cache: Path, progress: Progress = lambda _steps, _scalars: None
 ) -> NetworkPolicy:
-    """The trained agent, from the cache or trained now; ``agent.json`` beside it keeps the learning curve."""
+    """The trained agent, from the cache or trained now; ``agent.json`` beside it keeps the learning curve.
+
+    A training that was killed goes on from its last checkpoint, whoever asks for the agent next.
+    """
+    curve = _Curve([], progress)
+    checkpoints = FileCheckpoints(cache / f"{spec.key}.checkpoints", learning_identity(spec.key), curve)
 
     def build(folder: Path) -> None:
-        curve: list[dict[str, float]] = []
-
-        def record(steps: int, scalars: Mapping[str, float]) -> None:
-            curve.append({"steps": steps, **scalars})
-            if progress is not None:
-                progress(steps, scalars)
-
         scenario = get_scenario(spec.scenario)
-        task = Task(scenario, spec.seed, Budget(spec.steps), cache=cache, progress=record)
+        task = Task(
+            scenario, spec.seed, Budget(spec.steps), cache=cache, progress=curve.record, checkpoints=checkpoints
+        )
         policy = train_sac(task, action_mode=ActionMode.PLANNING, comfort=False)
         policy.save(folder)
-        description = {"spec": asdict(spec), "scenario": scenario.id, "version": VERSION, "curve": curve}
+        description = {"spec": asdict(spec), "scenario": scenario.id, "version": VERSION, "curve": curve.points}
         (folder / "agent.json").write_text(json.dumps(description, indent=1, sort_keys=True) + "\n")
 
-    return NetworkPolicy.load(cached(cache / spec.key, build))
+    built = cached(cache / spec.key, build)
+    checkpoints.clear()
+    return NetworkPolicy.load(built)

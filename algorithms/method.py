@@ -12,6 +12,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from algorithms.artefacts import Making
+from algorithms.checkpoints import Checkpoints, NoCheckpoints
 from envs.driving_env import ActionMode, BudgetExceededError, CostSignal, DrivingVectorEnv
 from envs.layout import EpisodeSource
 from envs.scenario import Scenario
@@ -89,6 +91,8 @@ class Task:
         settings: ``--set`` values for the method, for example ``{"learner": "sb3"}`` of ``sac.learner``.
         cache: Folder for artefacts shared between runs (driving agent, risk model).
         progress: Called with (simulation steps done, scalars) as training goes on.
+        making: Called with (what, done, of how much) while artefacts that runs share are being made.
+        checkpoints: Where a learner may keep its state, to go on after a kill; see `algorithms.checkpoints`.
     """
 
     scenario: Scenario
@@ -99,6 +103,8 @@ class Task:
     settings: Mapping[str, str] = field(default_factory=dict)
     cache: Path = Path("results/cache")
     progress: Progress = lambda _steps, _scalars: None
+    making: Making = lambda _what, _done, _total: None
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
     _env: DrivingVectorEnv | None = None
 
     def stream(self, name: str) -> np.random.SeedSequence:
@@ -138,10 +144,15 @@ class Task:
             action_mode=action_mode,
             comfort=comfort,
             cost_signal=self.cost_signal,
-            source=EpisodeSource(self.scenario, self.stream("train")),
+            source=self.episodes(),
             decision_limit=decisions // worlds,
+            watched=True,
         )
         return self._env
+
+    def episodes(self) -> EpisodeSource:
+        """Initial states of the training episodes."""
+        return EpisodeSource(self.scenario, self.stream("train"))
 
     def steps_done(self) -> int:
         """Simulation steps used so far."""
@@ -161,6 +172,9 @@ class Method(ABC):
         name: Registered name.
         version: Raised by every change that alters results.
         trains: False for reference drivers, which have no T stage.
+        bootstraps: False for learners that use no value of a next state (evolution, whole returns): to them truncation
+            is no special case.
+        bounds_cost: Whether it heeds the cost and its limit.
         defaults: Parameters and their default values; the type of the default is the parameter's type.
         setting_names: Keys that ``--set NAME.KEY=VALUE`` may carry.
     """
@@ -168,6 +182,8 @@ class Method(ABC):
     name: ClassVar[str]
     version: ClassVar[int] = 1
     trains: ClassVar[bool] = True
+    bootstraps: bool = True
+    bounds_cost: bool = False
     defaults: ClassVar[Mapping[str, Any]] = {}
     setting_names: ClassVar[tuple[str, ...]] = ()
 

@@ -5,7 +5,7 @@ Or, for dd-rq-plus, learn from the same roll-outs how likely contact is within 3
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +16,7 @@ import torch
 from scipy import special, stats
 from torch.nn import functional
 
-from algorithms.artefacts import cached, digest
+from algorithms.artefacts import Making, cached, digest
 from algorithms.driving_agent import DrivingAgentSpec, driving_agent
 from algorithms.method import Policy, seed_sequence
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
@@ -143,7 +143,7 @@ def _predict(network: RiskNetwork, x: torch.Tensor) -> torch.Tensor:
 
 
 def fit(
-    samples: Samples, settings: RiskSettings, architecture: RiskArchitecture, progress: Callable[[str], None]
+    samples: Samples, settings: RiskSettings, architecture: RiskArchitecture, progress: Callable[[int], None]
 ) -> tuple[RiskNetwork, dict[str, Any]]:
     """Train the network on its label's loss with early stopping; network and its held-out figures."""
     torch.set_num_threads(1)
@@ -173,7 +173,7 @@ def fit(
             total += float(loss.detach()) * len(index)
         error = float(criterion(_predict(network, x_test), y_test))
         curve.append({"epoch": epoch, "loss_train": total / len(x_train), "loss_held_out": error})
-        progress(f"epoch {epoch}: held-out loss {error:.4f}")
+        progress(epoch + 1)
         if error < best:
             best, best_state = error, {k: v.clone() for k, v in network.state_dict().items()}
         elif epoch - min(range(len(curve)), key=lambda k: curve[k]["loss_held_out"]) >= settings.patience:
@@ -212,8 +212,7 @@ def risk_model(
     agent_steps: int,
     cache: Path,
     settings: RiskSettings | None = None,
-    progress: Callable[[int, Mapping[str, float]], None] | None = None,
-    say: Callable[[str], None] = lambda _text: None,
+    making: Making = lambda _what, _done, _total: None,
 ) -> RiskModel:
     """The risk model of a scenario's driving agent, from the cache or trained now.
 
@@ -224,16 +223,19 @@ def risk_model(
         agent_steps: Simulation steps that the driving agent is trained for.
         cache: Folder of shared artefacts.
         settings: Of Alg. 1.
-        progress: Of the driving agent's training.
-        say: Told of each epoch.
+        making: Told of the driving agent's training, in simulation steps, and of the model's, in epochs.
     """
     chosen, architecture = settings or RiskSettings.for_agent(agent_steps), RiskArchitecture()
     spec = DrivingAgentSpec(scenario.name, agent_steps)
     identity = {"agent": spec.key, **asdict(chosen), **asdict(architecture), "version": VERSION}
 
     def build(folder: Path) -> None:
-        agent = driving_agent(spec, cache, progress)
-        network, figures = fit(collect(agent, scenario, chosen), chosen, architecture, say)
+        agent = driving_agent(spec, cache, lambda steps, _: making("driving agent", steps, spec.steps))
+        making("risk model", 0, chosen.epochs)
+        samples = collect(agent, scenario, chosen)
+        network, figures = fit(
+            samples, chosen, architecture, lambda epochs: making("risk model", epochs, chosen.epochs)
+        )
         description = {"scenario": scenario.id, "agent": spec.key, "settings": asdict(chosen), **figures}
         RiskModel(network, architecture, description).save(folder)
 

@@ -7,7 +7,8 @@ Source: Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374, Definition
   response time in it was kept a step ago, so that one of the two always suffices.
 - Against a body that comes closer sideways by itself the ego brakes, too: traffic does not answer to RSS.
 - A pedestrian keeps his speed and answers to nothing: he is in danger while he may be in the ego's way when it
-  arrives (`algorithms.corridor.pedestrian_counts`).
+  arrives (`algorithms.corridor.pedestrian_counts`). The ego always brakes for him, also where it answers sideways:
+  alternating between the two answers let it use up its stopping distance (3 in 10,000 episodes of full throttle).
 """
 
 from __future__ import annotations
@@ -44,14 +45,15 @@ def rest_distance(speed: float, acceleration: float) -> float:
     """Way until the ego is at rest sideways, once its target is where it is at every step [m].
 
     Derivation: the quintic's first jerk is then -(36 v T + 9 a T^2) / T^3, so v'' + (9 / T) v' + (36 / T^2) v = 0,
-    whose integral from (v, a) is v T / 4 + a T^2 / 36. Braking that is under way already (a < 0) is not counted on.
+    whose integral from (v, a) is v T / 4 + a T^2 / 36: the same place at every moment on the way. A motion that turns
+    about before leads up to 0.05 m beyond it; mu and the corridor's margin hold that.
 
     Args:
         speed: Lateral [m/s].
         acceleration: Lateral [m/s2].
     """
     t = REST_HORIZON_S
-    return UNDERSHOOT * max(0.25 * speed * t + max(acceleration, 0.0) * t * t / 36.0, 0.0)
+    return UNDERSHOOT * max(0.25 * speed * t + acceleration * t * t / 36.0, 0.0)
 
 
 @njit
@@ -118,14 +120,16 @@ def _answer_to_pedestrians(
     """Whether the ego must brake, and whether it must not go on sideways to the target."""
     half = half_d + LATERAL_MARGIN_M
     low, high = lateral_extent(e, target, horizon)
-    rest_low, rest_high = lateral_extent(e, e.reference_d, REST_HORIZON_S)
+    rest_low = e.d - rest_distance(-e.reference_speed, -e.reference_acceleration)
+    rest_high = e.d + rest_distance(e.reference_speed, e.reference_acceleration)
     brake, rest = False, False
     for j in range(pedestrians.shape[1]):
         p = pedestrians[i, j]
         if _endangers(e, p, rest_low - half, rest_high + half, half_s):
             brake = True
         elif _endangers(e, p, low - half, high + half, half_s):
-            rest = True
+            # At rest sideways the ego seems clear of him. It brakes, too: what it does later must not rest on that.
+            brake = rest = True
     return brake, rest
 
 

@@ -12,9 +12,10 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.callbacks import BaseCallback
 
-from algorithms.fast_sac import FastSAC, reproducible
+from algorithms.fast_sac import FastSAC, HalfFastSAC, reproducible
 from algorithms.method import Method, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
+from algorithms.sac_checkpoint import Checkpointing, restore
 from algorithms.sb3_env import StableBaselinesEnv
 from envs.driving_env import ActionMode, DrivingVectorEnv
 from envs.observation import OBSERVATION_SIZE
@@ -40,7 +41,7 @@ class SACSettings:
         warm_up: Decisions under uniformly random actions before learning starts.
         learning_rate: Adam's, of actor, critics and temperature (paper, appendix).
         tau: Target network step (paper, appendix).
-        learner: ``fast``, or ``sb3`` for the stock update (the same numbers, slower).
+        learner: ``fast``; ``sb3`` for the stock update (the same numbers, slower); ``bf16`` for bfloat16 products.
     """
 
     worlds: int = 16
@@ -79,7 +80,9 @@ class SACSettings:
         return replace(cls(), **changes)
 
 
-LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {"fast": FastSAC, "sb3": StableBaselinesSAC}
+LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {
+    "fast": FastSAC, "bf16": HalfFastSAC, "sb3": StableBaselinesSAC,
+}  # fmt: skip
 SETTING_NAMES: Final = tuple(item.name for item in fields(SACSettings))
 
 
@@ -129,6 +132,7 @@ def train_sac(
     """Train SAC within the task's budget and return its deterministic policy behind the same shield.
 
     The replay buffer holds the proposed action with the reward of what the shield made of it, r_risk included.
+    A training that was killed goes on from the task's last checkpoint, to the same result.
     """
     torch.set_num_threads(1)
     chosen = SACSettings.from_settings(task.settings)
@@ -150,7 +154,11 @@ def train_sac(
             seed=task.torch_seed(),
             device="cpu",
         )
-        model.learn(decisions, callback=_Progress(task, env))
+        before = task.checkpoints.load()
+        if before is not None:
+            restore(model, env, before)
+        callbacks: list[BaseCallback] = [_Progress(task, env), Checkpointing(task.checkpoints, env, before)]
+        model.learn(decisions - model.num_timesteps, callbacks, reset_num_timesteps=before is None)
     return deterministic_policy(model, action_mode, shield)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from algorithms.method import Policy, seed_sequence
 from envs.driving_env import CostSignal, DrivingVectorEnv
-from envs.layout import held_out_source
+from envs.layout import EpisodeSource, held_out_source
 from envs.scenario import Scenario
-from envs.world import Records
+from envs.world import Records, Shield
 
 WORLDS: Final = 256
 """Worlds stepped together. Fixed: the rounding of a network's products depends on the size of its batch."""
@@ -40,24 +40,38 @@ def evaluate(
 
     Raises:
         ValueError: The policy gave an action that is not finite or of the wrong shape.
+        MutatedObservationError: It wrote into its observations.
         RuntimeError: An episode is missing or came twice.
     """
-    env = DrivingVectorEnv(
-        scenario,
-        worlds,
-        shield=policy.shield,
-        action_mode=policy.action_mode,
-        comfort=True,
-        cost_signal=cost_signal,
-        source=held_out_source(scenario, episodes),
-    )
+    env = evaluation_env(policy, worlds, held_out_source(scenario, episodes), cost_signal)
     observations, _ = env.reset()
-    policy.begin(worlds, seed_sequence("evaluation", scenario.id))
+    begin_evaluation(policy, worlds, scenario)
     while env.active.any():
         observations, _, _, _, info = env.step(policy.act(observations))
         if "finished" in info:
             progress(env.episodes_done)
     return _in_order(env.finished_episodes(), episodes)
+
+
+def evaluation_env(
+    policy: Policy, worlds: int, source: EpisodeSource, cost_signal: CostSignal, shield: Shield | None = None
+) -> DrivingVectorEnv:
+    """The worlds in which a policy is evaluated, behind its own shield or a stand-in that answers the same."""
+    return DrivingVectorEnv(
+        source.scenario,
+        worlds,
+        shield=shield or policy.shield,
+        action_mode=policy.action_mode,
+        comfort=True,
+        cost_signal=cost_signal,
+        source=source,
+        watched=True,
+    )
+
+
+def begin_evaluation(policy: Policy, worlds: int, scenario: Scenario) -> None:
+    """Seed a policy, and its shield, for the held-out list."""
+    policy.begin(worlds, seed_sequence("evaluation", scenario.id))
 
 
 def _in_order(records: Records, episodes: int) -> Records:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib.metadata
+import inspect
 import os
 import platform
 import subprocess
 from pathlib import Path
 from typing import Any, Final
 
-PROJECT: Final = Path(__file__).resolve().parent.parent
-CODE: Final = ("envs", "algorithms", "bench")
+from algorithms import identity
+from algorithms.identity import learning_identity, package_versions, source_digest
+
+PROJECT: Final = identity.PROJECT
+CODE: Final = (*identity.LEARNING, "bench")
 """Folders whose files decide results."""
-PACKAGES: Final = (
-    "safedrive-bench", "numpy", "torch", "numba", "gymnasium", "highway-env", "stable-baselines3", "pandas",
-    "pyarrow", "scipy", "omnisafe",
-)  # fmt: skip
 
 
 def _git(*arguments: str) -> bytes | None:
@@ -56,26 +55,6 @@ def git_state() -> dict[str, Any]:
     }
 
 
-def source_digest() -> str:
-    """SHA-256 over the source files that decide results; works without git."""
-    digest = hashlib.sha256()
-    for folder in CODE:
-        for path in sorted((PROJECT / folder).rglob("*.py")):
-            digest.update(str(path.relative_to(PROJECT)).encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def package_versions() -> dict[str, str]:
-    """Versions of the packages that results may depend on; absent ones are left out."""
-    versions = {}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return versions
-
-
 def cpu_model() -> str:
     """Name of the processor."""
     try:
@@ -95,7 +74,7 @@ def usable_cores() -> int:
 @functools.cache
 def _code() -> dict[str, Any]:
     """State of the code; read once, near the start of the process, when the modules were imported."""
-    return {"git": git_state(), "source_sha256": source_digest(), "packages": package_versions()}
+    return {"git": git_state(), "source_sha256": source_digest(CODE), "packages": package_versions()}
 
 
 def provenance() -> dict[str, Any]:
@@ -107,6 +86,13 @@ def provenance() -> dict[str, Any]:
         "cpu": cpu_model(),
         "threads": {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")},
     }
+
+
+def run_identity(method: object, spec_hash: str) -> str:
+    """What a run must have in common with the checkpoint that it goes on from: also a plugin's own file."""
+    own = inspect.getsourcefile(type(method))
+    plugin = hashlib.sha256(Path(own).read_bytes()).hexdigest() if own and os.path.exists(own) else ""
+    return learning_identity(spec_hash, plugin)
 
 
 def without_paths(text: str) -> str:

@@ -1,85 +1,34 @@
-"""One `RunSpec` to one record: train, save, evaluate, write."""
+"""One `RunSpec` to one record: train, save, evaluate, write; a run that was killed goes on where it was."""
 
 from __future__ import annotations
 
-import math
 import random
-import time
+import shutil
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 
-from algorithms.method import Budget, Method, Policy, Task
+from algorithms.checkpoints import FileCheckpoints, Interval
+from algorithms.method import Budget, Method, Task
 from algorithms.registry import get_method
 from bench import schema, store
 from bench.errors import LearnerDivergedError, RunFailedError
 from bench.evaluate import evaluate
-from bench.provenance import provenance, without_paths
+from bench.provenance import provenance, run_identity, without_paths
 from bench.records import Record, read_record
 from bench.spec import RunSpec
 from bench.store import Failure, RunFolder, Store
+from bench.training_log import Clock, Report, TrainingLog
 from envs.driving_env import CostSignal
-from envs.world import Records
 
-Report = Callable[[str, int, int, Mapping[str, float]], None]
-"""Called with stage, amount done, amount in all (simulation steps or episodes) and scalars."""
-
-
-@dataclass(slots=True)
-class Clock:
-    """Wall and processor seconds of a stage."""
-
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-    _wall: float = 0.0
-    _cpu: float = 0.0
-
-    def __enter__(self) -> None:
-        """Start."""
-        self._wall, self._cpu = time.perf_counter(), time.process_time()
-
-    def __exit__(self, *_: object) -> None:
-        """Stop."""
-        self.wall_s = time.perf_counter() - self._wall
-        self.cpu_s = time.process_time() - self._cpu
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """For ``run.json``."""
-        return {"wall_s": round(self.wall_s, 3), "cpu_s": round(self.cpu_s, 3)}
-
-
-@dataclass(slots=True)
-class Training:
-    """What a learner reports while it trains.
-
-    Attributes:
-        scalars: (simulation steps, name, value), the same for the same specification.
-        timeline: (simulation steps, seconds since the start of training).
-    """
-
-    spec: RunSpec
-    report: Report
-    scalars: list[tuple[int, str, float]] = field(default_factory=list)
-    timeline: list[tuple[int, float]] = field(default_factory=list)
-    started: float = field(default_factory=time.perf_counter)
-
-    def progress(self, steps: int, scalars: Mapping[str, float]) -> None:
-        """The callback of `Task.progress`.
-
-        Raises:
-            LearnerDivergedError: A number is not finite.
-        """
-        for name, value in scalars.items():
-            if not math.isfinite(value):
-                raise LearnerDivergedError(f"{name} is {value} at simulation step {steps}.")
-            self.scalars.append((steps, name, float(value)))
-        self.timeline.append((steps, round(time.perf_counter() - self.started, 3)))
-        self.report("train", steps, self.spec.steps, scalars)
+GLOBAL, GLOBAL_IN_EVALUATION = "global", "global in evaluation"
+STREAMS: Final = ("train", "policy", "shield", GLOBAL, GLOBAL_IN_EVALUATION)
+"""Named seed streams of a run; the held-out list has one of its own, the same for all."""
 
 
 @dataclass(slots=True)
@@ -90,32 +39,26 @@ class _Attempt:
     folder: RunFolder
     cache: Path
     report: Report
+    interval: Interval
     stage: str = "setup"
     task: Task | None = None
-    training: Training | None = None
-    clocks: dict[str, Clock] = field(default_factory=lambda: {"train": Clock(), "evaluate": Clock()})
+    steps: int = 0
 
     def execute(self) -> None:
         details: dict[str, Any] = {"provenance": provenance()}
         self.folder.write_run(details)
         method = get_method(self.spec.method)
         self._check_version(method)
-        policy = self._train(method)
-        episodes = self._evaluate(policy)
-        self.stage = "write"
-        self.folder.write_policy(policy.save)
-        self._write_tables(method, episodes)
-        assert self.task is not None
-        assert self.training is not None
-        self.folder.write_run(
-            {
-                **details,
-                "steps_done": self.task.steps_done(),
-                "timing": {name: clock.seconds for name, clock in self.clocks.items()},
-                "timeline": [list(point) for point in self.training.timeline],
-                "trains": method.trains,
-            }
-        )
+        details["resolved"] = resolved(method, self._make_task())
+        identity = run_identity(method, self.spec.hash)
+        trained = self.folder.trained(identity)
+        if trained is None:
+            trained = self._train(method, identity)
+            self.folder.mark_trained(identity, trained)
+        shutil.rmtree(self.folder.checkpoints, ignore_errors=True)
+        self.steps = trained["steps_done"]
+        timing = self._evaluate(method)
+        self.folder.write_run({**details, **trained, "timing": {**trained["timing"], "evaluate": timing}})
         self.folder.finish()
 
     def _check_version(self, method: Method) -> None:
@@ -125,10 +68,8 @@ class _Attempt:
                 f"this is version {method.version}."
             )
 
-    def _train(self, method: Method) -> Policy:
-        self.stage = "train"
-        self.training = Training(self.spec, self._reported)
-        self.task = Task(
+    def _make_task(self) -> Task:
+        task = Task(
             scenario=self.spec.resolve_scenario(),
             seed=self.spec.seed,
             budget=Budget(self.spec.steps),
@@ -136,68 +77,104 @@ class _Attempt:
             cost_signal=CostSignal[self.spec.cost_signal.upper()],
             settings=dict(self.spec.settings),
             cache=self.cache,
-            progress=self.training.progress,
+            making=lambda what, done, total: self._reported(what, done, total, {}),
         )
-        _seed_global_generators(self.task)
-        self._reported("train", 0, self.spec.steps, {})
-        with self.clocks["train"]:
-            return method.train(self.task)
+        self.task = task
+        return task
 
-    def _evaluate(self, policy: Policy) -> Records:
+    def _train(self, method: Method, identity: str) -> dict[str, Any]:
+        """Train, write what training leaves, and return what ``run.json`` says of it."""
+        self.stage = "train"
+        assert self.task is not None
+        task, curve = self.task, TrainingLog(self.spec.steps, self._reported)
+        task.progress = curve.progress
+        task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
+        seed_global_generators(task, GLOBAL)
+        self._reported("train", 0, self.spec.steps, {})
+        with curve.clock:
+            policy = method.train(task)
+        self.stage = "write"
+        self.folder.write_policy(policy.save)
+        episodes = task.finished_episodes()
+        self._write_table(store.TRAIN_FILE, schema.episodes_table(episodes if method.trains else episodes[:0]))
+        self._write_table(store.SCALARS_FILE, schema.scalars_table(curve.scalars))
+        return {
+            "steps_done": task.steps_done(),
+            "timing": {"train": curve.clock.seconds},
+            "timeline": [list(point) for point in curve.timeline],
+            "resumes": curve.resumes,
+            "trains": method.trains,
+        }
+
+    def _evaluate(self, method: Method) -> dict[str, float]:
+        """Judge the policy that was written, so that it does not matter which process had trained it; the time."""
         self.stage = "evaluate"
         assert self.task is not None
-        n = self.spec.eval_episodes
+        task, n, clock = self.task, self.spec.eval_episodes, Clock()
+        seed_global_generators(task, GLOBAL_IN_EVALUATION)
         self._reported("evaluate", 0, n, {})
-        with self.clocks["evaluate"]:
-            return evaluate(
+        with clock:
+            policy = method.load_policy(self.folder.path / store.POLICY_FOLDER, task)
+            episodes = evaluate(
                 policy,
-                self.task.scenario,
+                task.scenario,
                 n,
-                cost_signal=self.task.cost_signal,
+                cost_signal=task.cost_signal,
                 progress=lambda done: self._reported("evaluate", done, n, {}),
             )
+        self.stage = "write"
+        self._write_table(store.EVAL_FILE, schema.episodes_table(episodes))
+        return clock.seconds
 
-    def _write_tables(self, method: Method, episodes: Records) -> None:
-        assert self.task is not None
-        assert self.training is not None
-        trained = self.task.finished_episodes()
-        self.folder.write(
-            store.TRAIN_FILE,
-            schema.to_bytes(schema.episodes_table(trained if method.trains else trained[:0])),
-        )
-        self.folder.write(store.EVAL_FILE, schema.to_bytes(schema.episodes_table(episodes)))
-        self.folder.write(store.SCALARS_FILE, schema.to_bytes(schema.scalars_table(self.training.scalars)))
+    def _write_table(self, name: str, table: pa.Table) -> None:
+        self.folder.write(name, schema.to_bytes(table))
 
     def _reported(self, stage: str, done: int, total: int, scalars: Mapping[str, float]) -> None:
         self.folder.touch()
         self.report(stage, done, total, scalars)
 
     def failure(self, error: Exception) -> Failure:
-        step = 0 if self.task is None else self.task.steps_done()
+        step = max(self.steps, 0 if self.task is None else self.task.steps_done())
         reason = without_paths(str(error)).strip() or type(error).__name__
         if not isinstance(error, LearnerDivergedError):
             reason = f"{type(error).__name__}: {reason}"
         return Failure(self.stage, step, reason, without_paths("".join(traceback.format_exception(error))))
 
 
-def _seed_global_generators(task: Task) -> None:
-    """Some learners draw from global generators: give each run its own state, whatever ran before it."""
+def resolved(method: Method, task: Task) -> dict[str, Any]:
+    """The specification with every default filled in, and the seed of every named stream, for ``run.json``."""
+    scenario = {key: getattr(value, "value", value) for key, value in asdict(task.scenario).items()}
+    streams = {name: f"{task.stream(name).entropy:032x}" for name in STREAMS}
+    return {
+        "scenario": {"id": task.scenario.id, **scenario},
+        "method": {"name": method.name, "version": method.version, "parameters": method.parameters},
+        "seeds": {"replicate": task.seed, "torch": task.torch_seed(), "streams": streams},
+    }
+
+
+def seed_global_generators(task: Task, stream: str) -> None:
+    """Some learners draw from global generators: give each stage its own state, whatever ran before it."""
     import torch
 
     torch.set_num_threads(1)
     torch.manual_seed(task.torch_seed())
-    seed = int(task.stream("global").generate_state(1)[0])
+    seed = int(task.stream(stream).generate_state(1)[0])
     np.random.seed(seed)  # noqa: NPY002
     random.seed(seed)
 
 
-def run(spec: RunSpec, results: Path, report: Report = lambda *_: None) -> Record:
+def run(
+    spec: RunSpec, results: Path, report: Report = lambda *_: None, checkpoint_every: Interval | None = None
+) -> Record:
     """Run one specification and write its record.
+
+    Where an earlier attempt was killed, it goes on from its last checkpoint, or from its trained policy.
 
     Args:
         spec: What to run.
         results: The results folder.
         report: Told of progress; what it raises ends the run.
+        checkpoint_every: By default a minute.
 
     Raises:
         AlreadyDoneError: The run is done.
@@ -206,7 +183,7 @@ def run(spec: RunSpec, results: Path, report: Report = lambda *_: None) -> Recor
     """
     target = Store(results)
     with target.begin(spec) as folder:
-        attempt = _Attempt(spec, folder, target.cache, report)
+        attempt = _Attempt(spec, folder, target.cache, report, checkpoint_every or Interval())
         try:
             attempt.execute()
         except Exception as error:

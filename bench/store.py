@@ -8,6 +8,8 @@ DIR/runs/<folder>/run.json                what was run, by which code, on what, 
                   DONE                    written last: SHA-256 of every other file
                   FAILED                  instead of DONE: stage, step, reason, traceback
                   LOCK                    while a process works on the run
+                  checkpoints/            of a training that goes on, or was killed
+                  TRAINED                 from the end of training to DONE: what run.json will say of it
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import enum
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -37,6 +39,10 @@ TRAIN_FILE: Final = "train_episodes.parquet"
 EVAL_FILE: Final = "eval_episodes.parquet"
 SCALARS_FILE: Final = "scalars.parquet"
 POLICY_FOLDER: Final = "policy"
+CHECKPOINT_FOLDER: Final = "checkpoints"
+TRAINED_FILE: Final = "TRAINED"
+_PASSING: Final = (LOCK_NAME, TRAINED_FILE)
+"""Not part of a record."""
 
 
 class State(enum.StrEnum):
@@ -87,14 +93,46 @@ class RunFolder:
         """Let a policy write itself into ``policy/``, whole or not at all."""
         atomic.write_folder(self.path / POLICY_FOLDER, save)
 
-    def finish(self) -> None:
-        """Seal the record: from here on nothing changes."""
-        hashes = {
+    @property
+    def checkpoints(self) -> Path:
+        """Folder for the checkpoints of a training."""
+        return self.path / CHECKPOINT_FOLDER
+
+    def mark_trained(self, identity: str, details: dict[str, Any]) -> None:
+        """Keep what training left, for an attempt after this one; of the same identity, or it trains again."""
+        content = {"identity": identity, "files": self._hashes(skip=RUN_FILE), "details": details}
+        self.write(TRAINED_FILE, to_json(content))
+
+    def trained(self, identity: str) -> dict[str, Any] | None:
+        """The details that `mark_trained` was given, if all that training left is whole, else None."""
+        try:
+            content = read_json(self.path / TRAINED_FILE)
+            whole = content["identity"] == identity and content["files"] == self._hashes(skip=RUN_FILE)
+            details: dict[str, Any] | None = content["details"] if whole else None
+        except (RecordError, OSError, KeyError):
+            details = None
+        if details is None:
+            self.clear(keep=(RUN_FILE, CHECKPOINT_FOLDER))
+        return details
+
+    def _hashes(self, skip: str = "") -> dict[str, str]:
+        """SHA-256 of every file of the record so far."""
+        return {
             str(path.relative_to(self.path)): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in atomic.files_below(self.path)
-            if path.name != LOCK_NAME
+            if path.name not in (*_PASSING, skip) and self.checkpoints not in path.parents
         }
-        self.write(DONE_FILE, to_json({"hash": self.spec.hash, "files": hashes}))
+
+    def finish(self) -> None:
+        """Seal the record: from here on nothing changes."""
+        self.write(DONE_FILE, to_json({"hash": self.spec.hash, "files": self._hashes()}))
+        self.discard_passing()
+
+    def discard_passing(self) -> None:
+        """Remove what only an unfinished run needs."""
+        with contextlib.suppress(OSError):
+            (self.path / TRAINED_FILE).unlink(missing_ok=True)
+        shutil.rmtree(self.checkpoints, ignore_errors=True)
 
     def fail(self, failure: Failure) -> None:
         """Leave the reason of a failure; a sealed record stays as it is."""
@@ -102,14 +140,23 @@ class RunFolder:
             return
         if not (self.path / RUN_FILE).exists():
             self.write_run({})
-        content = {"stage": failure.stage, "step": failure.step, "reason": failure.reason}
+        content = {
+            "method": self.spec.method, "stage": failure.stage, "step": failure.step, "reason": failure.reason,
+        }  # fmt: skip
         self.write(FAILED_FILE, to_json({**content, "traceback": failure.traceback.splitlines()}))
 
-    def clear(self) -> None:
-        """Remove what an interrupted or failed attempt left."""
+    def clear(self, keep: Sequence[str] = ()) -> None:
+        """Remove what an interrupted or failed attempt left, but for the named files and folders."""
         for path in self.path.iterdir():
-            if path.name != LOCK_NAME:
+            if path.name not in (LOCK_NAME, *keep):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    def keep_progress(self) -> None:
+        """Remove all that the next attempt cannot go on from."""
+        keep = [CHECKPOINT_FOLDER]
+        if (self.path / TRAINED_FILE).exists():
+            keep += [TRAINED_FILE, TRAIN_FILE, SCALARS_FILE, POLICY_FOLDER]
+        self.clear(keep)
 
 
 class Store:
@@ -130,7 +177,7 @@ class Store:
 
     @contextlib.contextmanager
     def begin(self, spec: RunSpec) -> Iterator[RunFolder]:
-        """Own the folder of a run, emptied of what an earlier attempt left.
+        """Own the folder of a run, emptied of all that cannot be gone on from.
 
         Raises:
             AlreadyDoneError: The run is done.
@@ -139,10 +186,11 @@ class Store:
         path = self.folder(spec)
         path.mkdir(parents=True, exist_ok=True)
         with RunLock(path) as lock:
-            if (path / DONE_FILE).exists():
-                raise AlreadyDoneError(f"{spec.folder_name} is done; remove its folder to run it again.")
             folder = RunFolder(path, spec, lock)
-            folder.clear()
+            if (path / DONE_FILE).exists():
+                folder.discard_passing()
+                raise AlreadyDoneError(f"{spec.folder_name} is done; remove its folder to run it again.")
+            folder.keep_progress()
             yield folder
 
     def fail(self, spec: RunSpec, failure: Failure) -> None:

@@ -43,6 +43,8 @@ WORST_MAX: Final = 100
 CLOSEST: Final = 5
 BATCH: Final = 16 * CHUNK
 """Episodes whose records are held at once."""
+WORLDS: Final = 256
+"""Worlds stepped together; a replay steps as many: the rounding of a risk model's products depends on it."""
 _DRAWS_KEPT: Final = 4
 
 
@@ -176,7 +178,7 @@ def make_shield(
 
 def stress_guard(
     scenario: str | Scenario, tc: Tc, episodes: int, driver: str = RANDOM, options: GuardOptions | None = None,
-    worlds: int = 256, seed: int = 0, shield_factory: ShieldFactory | None = None,
+    worlds: int = WORLDS, seed: int = 0, shield_factory: ShieldFactory | None = None,
 ) -> StressResult:  # fmt: skip
     """Drive many episodes behind a guard and count what happens.
 
@@ -186,7 +188,7 @@ def stress_guard(
         episodes: How many, at least 1.
         driver: One of `STRESS_DRIVERS`.
         options: Readings of Alg. 2; the defaults where None.
-        worlds: Driven at a time; no result depends on it.
+        worlds: Driven at a time; with a risk model the last bit of T_c may depend on it.
         seed: Names the stream of episodes and the driver's draws.
         shield_factory: Makes another shield than `SafetyGuard` of T_c; one that does not depend on past steps.
 
@@ -248,7 +250,7 @@ def replay_stress(
     """
     scenario = get_scenario(scenario) if isinstance(scenario, str) else scenario
     policy = StressDriver(driver, scenario, seed)
-    record = np.zeros(1, [("episode", "i8"), ("steps", "i8")])
+    record = np.zeros(WORLDS, [("episode", "i8"), ("steps", "i8")])
     record["episode"] = episode
 
     def act(observations: Observations) -> Actions:
@@ -257,7 +259,7 @@ def replay_stress(
         return actions
 
     shield = make_shield(scenario, tc, options, shield_factory)
-    return record_episode(stress_source(scenario, seed), episode, act, shield=shield)
+    return record_episode(stress_source(scenario, seed), episode, act, worlds=WORLDS, shield=shield)
 
 
 class _Totals:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, SupportsFloat
 
 import gymnasium
@@ -21,7 +21,9 @@ from envs.reward import CostSignal
 from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, PedestrianRule, Scenario, get_scenario
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
 
-__all__ = ["ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv"]
+__all__ = [
+    "ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv", "MutatedObservationError",
+]  # fmt: skip
 
 HORIZON_MIN_S: Final = 0.5
 HORIZON_MAX_S: Final = 4.0
@@ -33,6 +35,10 @@ SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], N
 
 class BudgetExceededError(RuntimeError):
     """More decisions were asked for than the environment was made for."""
+
+
+class MutatedObservationError(RuntimeError):
+    """Who got the observations wrote into them."""
 
 
 class ActionMode(enum.Enum):
@@ -81,6 +87,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         decision_limit: Steps of this environment allowed in all, or None.
         threads: Threads for the worlds; results do not depend on it.
         autoreset: False leaves finished worlds ended until `reset` (mode DISABLED).
+        watched: Refuse to go on once somebody has written into the observations of the last step.
 
     Attributes:
         on_substep: Called after every 0.1 s step with the worlds, the proposed targets (N,) [m] and
@@ -106,6 +113,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         decision_limit: int | None = None,
         threads: int = 1,
         autoreset: bool = True,
+        watched: bool = False,
     ) -> None:
         """Allocate the worlds; the first episodes begin with `reset`."""
         if num_envs < 1 or threads < 1:
@@ -136,6 +144,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._advance_worlds = engine.advance if threads == 1 else engine.advance_parallel
         self._observe_worlds = batch.observe if threads == 1 else batch.observe_parallel
         self._autoreset = autoreset
+        self._watched = watched
+        self._given: npt.NDArray[np.float32] | None = None
         self._next_episode = 0
         self._chunk: tuple[int, World] | None = None
         self._finished: list[Records] = []
@@ -178,6 +188,32 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
                 break
         return np.concatenate([self.no_episodes(), *batches])[-count:]
 
+    def snapshot(self) -> dict[str, npt.NDArray[Any]]:
+        """What later steps depend on, the shield apart: copies, for `restore`."""
+        kept = {name: values.copy() for name, values in self._kept().items()}
+        counters = np.array([self.decisions, self._next_episode])
+        return {**kept, "counters": counters, "finished": self.finished_episodes()}
+
+    def restore(self, kept: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from the `snapshot` of an environment that was made with the same arguments and source.
+
+        Raises:
+            ValueError: The worlds or their bodies are of another number.
+        """
+        for name, values in self._kept().items():
+            if kept[name].shape != values.shape:
+                raise ValueError(f"{name} has shape {kept[name].shape}; this environment needs {values.shape}.")
+            values[...] = kept[name]
+        self.decisions, self._next_episode = map(int, kept["counters"])
+        self._finished = [kept["finished"].astype(EPISODE)]
+        self._chunk = None
+
+    def _kept(self) -> dict[str, npt.NDArray[Any]]:
+        world = self.world
+        names = ("ego", "vehicles", "pedestrians", "episode", "active", "interventions", "observations")
+        bodies = world.ego, world.vehicles, world.pedestrians, world.episode
+        return dict(zip(names, (*bodies, self.active, self._interventions, self._observations), strict=True))
+
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
@@ -194,7 +230,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self.active[:] = False
         self._begin_episodes(self._all)
         self._observe(self._all)
-        return self._observations.copy(), {}
+        return self._give(), {}
 
     def step(
         self, actions: npt.NDArray[Any]
@@ -207,7 +243,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         Raises:
             ValueError: Wrong shape, or a value that is not finite, from the policy or the shield.
             BudgetExceededError: The decision limit is used up.
+            MutatedObservationError: The environment is watched, and its last observations were written into.
         """
+        if self._given is not None and not np.array_equal(self._given, self._observations):
+            raise MutatedObservationError("The observations of the last step were written into: copy them first.")
         if self._threads > 1:
             numba.set_num_threads(self._threads)
         self._interpret(actions)
@@ -229,7 +268,14 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         if ended:
             done = terminated | truncated
             info |= {"final_obs": self._observations.copy(), "_final_obs": done, "finished": self._finish(done)}
-        return self._observations.copy(), reward, terminated, truncated, info
+        return self._give(), reward, terminated, truncated, info
+
+    def _give(self) -> npt.NDArray[np.float32]:
+        """A copy of the observations, kept in sight where the environment is watched."""
+        given = self._observations.copy()
+        if self._watched:
+            self._given = given
+        return given
 
     def _interpret(self, actions: npt.NDArray[Any]) -> None:
         """Check actions and keep what they ask for."""
@@ -366,12 +412,3 @@ class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
         from envs.rendering import render_world
 
         return render_world(self.vector.scenario, self.vector.world, 0)
-
-
-class SixTuple(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Safety-Gymnasium's interface: step returns observation, reward, cost, terminated, truncated, info."""
-
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
-        """Carry out one decision with its cost as the third value."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return observation, reward, float(info["cost"]), terminated, truncated, info

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -232,18 +232,35 @@ def render_episode(trace: EpisodeTrace, path: Path, *, every: int = 1, annotate:
         raise ValueError(
             f"every = {every}, path = {path.name}: every must be 1 or more, the suffix .mp4, .gif or none."
         )
-    pictures, rate = frames(trace, every, annotate), FRAMES_PER_S / every
-    count = len(range(0, len(trace), every)) + 1
-    if not path.suffix:
-        path.mkdir(parents=True, exist_ok=True)
-        for k, picture in enumerate(pictures):
-            imageio.imwrite(path / f"frame_{k:04d}.png", picture)
-        return count
+    pictures = frames(trace, every, annotate)
+    if path.suffix:
+        return write_film(pictures, path, FRAMES_PER_S / every)
+    path.mkdir(parents=True, exist_ok=True)
+    count = 0
+    for picture in pictures:
+        imageio.imwrite(path / f"frame_{count:04d}.png", picture)
+        count += 1
+    return count
+
+
+def write_film(pictures: Iterable[Frame], path: Path, rate: float) -> int:
+    """Write pictures of one size as a film.
+
+    Args:
+        pictures: RGB, both sides multiples of 16.
+        path: File with the suffix ``.mp4`` or ``.gif``.
+        rate: Pictures per second.
+
+    Returns:
+        Number of pictures.
+    """
     if path.suffix == ".mp4":
         writer = imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=16)
     else:
         writer = imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1 / rate, loop=0)
+    count = 0
     with writer:
         for picture in pictures:
             writer.append_data(picture)
+            count += 1
     return count

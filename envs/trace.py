@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from envs.driving_env import ActionMode, DrivingVectorEnv
-from envs.layout import EpisodeSource
+from envs.layout import CHUNK, EpisodeSource
 from envs.scenario import Scenario, get_scenario
-from envs.world import BoolArray, FloatArray, Records, World
+from envs.world import BoolArray, Ending, FloatArray, Records, World
 
 Act = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
-"""Actions (1, A) in physical units for observations (1, 47)."""
+"""Actions (N, A) in physical units for observations (N, 47)."""
 
 _ARRAYS = ("ego", "vehicles", "pedestrians", "episode", "proposed", "executed", "intervened")
 
@@ -92,29 +91,49 @@ def load_trace(path: Path) -> EpisodeTrace:
 
 
 @dataclass(slots=True)
-class _Recorder:
-    """Collects copies of the one world's state after every step."""
+class Recorder:
+    """Collects one episode at every step of 0.1 s: a hook for `DrivingVectorEnv.on_substep`.
 
-    planning: bool
+    Attributes:
+        row: The world that the episode runs in.
+        start: Its initial state, one row, numbered in ``episode``.
+        planning: Whether actions are the driving agent's, without an acceleration.
+    """
+
+    row: int
+    start: World
+    planning: bool = False
     worlds: list[World] = field(default_factory=list)
     proposed: list[tuple[float, float]] = field(default_factory=list)
     intervened: list[bool] = field(default_factory=list)
 
-    def __call__(self, world: World, targets: FloatArray, commands: FloatArray, intervened: BoolArray) -> None:
-        """Add a step, unless the episode had ended before it."""
-        if world.episode["steps"][0] == self.worlds[-1].episode["steps"][0]:
-            return
-        self.worlds.append(world.copy())
-        self.proposed.append((float(targets[0]), np.nan if self.planning else float(commands[0])))
-        self.intervened.append(bool(intervened[0]))
+    @property
+    def number(self) -> int:
+        """Of the episode."""
+        return int(self.start.episode["episode"][0])
 
-    def trace(self, scenario: Scenario, number: int) -> EpisodeTrace:
+    @property
+    def ended(self) -> bool:
+        """Whether the episode is over."""
+        return bool(self.worlds) and bool(self.worlds[-1].episode["ending"][0] != Ending.RUNNING)
+
+    def __call__(self, world: World, targets: FloatArray, commands: FloatArray, intervened: BoolArray) -> None:
+        """Add a step, unless another episode runs in the world, or this one had ended before the step."""
+        k = self.row
+        if self.ended or world.episode["episode"][k] != self.number:
+            return
+        self.worlds.append(take_row(world, k))
+        self.proposed.append((float(targets[k]), np.nan if self.planning else float(commands[k])))
+        self.intervened.append(bool(intervened[k]))
+
+    def trace(self, scenario: Scenario) -> EpisodeTrace:
+        """What was collected."""
         names = ("ego", "vehicles", "pedestrians", "episode")
-        states = {name: np.concatenate([getattr(w, name) for w in self.worlds]) for name in names}
+        states = {name: np.concatenate([getattr(w, name) for w in (self.start, *self.worlds)]) for name in names}
         ego = states["ego"][1:]
         return EpisodeTrace(
             scenario,
-            number,
+            self.number,
             **states,
             proposed=np.array(self.proposed).reshape(-1, 2),
             executed=np.stack([ego["target_d"], ego["command"]], axis=1),
@@ -122,25 +141,100 @@ class _Recorder:
         )
 
 
-def record_episode(source: EpisodeSource, number: int, act: Act, **arguments: Any) -> EpisodeTrace:
-    """Drive one numbered episode to its end and keep every 0.1 s of it.
+def take_row(world: World, row: int) -> World:
+    """A copy of one of the worlds, as one row."""
+    only = slice(row, row + 1)
+    return World(
+        world.ego[only].copy(), world.vehicles[only].copy(), world.pedestrians[only].copy(), world.episode[only].copy()
+    )
 
-    Args:
-        source: Numbered initial states, of the scenario to drive.
-        number: Which of them.
-        act: The policy: ``Policy.act`` after ``begin(1, seed)``, or any other callable.
-        **arguments: Further arguments of `DrivingVectorEnv`: ``shield``, ``action_mode``, ``cost_signal``.
+
+def initial_state(source: EpisodeSource, number: int) -> World:
+    """Initial state of a numbered episode, one row.
 
     Raises:
         ValueError: The source has no such episode.
     """
     if number < source.start or (source.stop is not None and number >= source.stop):
         raise ValueError(f"Episode {number}: the source has {source.start} to {source.stop}, exclusive.")
-    only = dataclasses.replace(source, start=number, stop=number + 1)
-    env = DrivingVectorEnv(source.scenario, 1, source=only, autoreset=False, **arguments)
+    return take_row(source.chunk(number // CHUNK), number % CHUNK)
+
+
+@dataclass(slots=True)
+class Seated(EpisodeSource):
+    """Chosen episodes of a source, over and over, one to each world.
+
+    Attributes:
+        states: Their initial states, shape (n,).
+    """
+
+    states: World | None = None
+
+    def chunk(self, index: int) -> World:
+        """The chosen episodes, repeated to 1024 rows."""
+        assert self.states is not None
+        rows = np.arange(CHUNK) % len(self.states)
+        chosen = self.states
+        return World(chosen.ego[rows], chosen.vehicles[rows], chosen.pedestrians[rows], chosen.episode[rows])
+
+
+def seat(source: EpisodeSource, numbers: Sequence[int], worlds: int) -> Seated:
+    """A source that begins the chosen episodes in worlds 0, 1, ... and fills the others with the same again.
+
+    Raises:
+        ValueError: The source lacks an episode, or there are more of them than worlds.
+    """
+    if not 0 < len(numbers) <= worlds <= CHUNK:
+        raise ValueError(f"{len(numbers)} episodes in {worlds} worlds: 1 to {CHUNK} worlds, one or more episodes.")
+    states = [initial_state(source, number) for number in numbers]
+    fields = ("ego", "vehicles", "pedestrians", "episode")
+    together = World(*(np.concatenate([getattr(state, name) for state in states]) for name in fields))
+    return Seated(source.scenario, source.seed, 0, worlds, together)
+
+
+def record_rows(env: DrivingVectorEnv, source: EpisodeSource, seats: Mapping[int, int], act: Act) -> list[EpisodeTrace]:
+    """Drive an environment until the wanted episodes have ended and keep every 0.1 s of them.
+
+    Args:
+        env: Not yet reset; how many worlds it has, and what runs in the others, may matter to the policy.
+        source: Where the numbered initial states come from.
+        seats: World by number of a wanted episode: where it is bound to run.
+        act: The policy, for all worlds of the environment.
+
+    Raises:
+        ValueError: The source lacks an episode, or one did not run where it was expected.
+    """
+    planning = env.action_mode is ActionMode.PLANNING
+    recorders = [Recorder(row, initial_state(source, number), planning) for number, row in seats.items()]
+
+    def record(world: World, targets: FloatArray, commands: FloatArray, intervened: BoolArray) -> None:
+        for recorder in recorders:
+            recorder(world, targets, commands, intervened)
+
+    env.on_substep = record
     observations, _ = env.reset()
-    recorder = _Recorder(env.action_mode is ActionMode.PLANNING, [env.world.copy()])
-    env.on_substep = recorder
-    while env.active[0]:
+    while env.active.any() and not all(recorder.ended for recorder in recorders):
         observations = env.step(act(observations))[0]
-    return recorder.trace(source.scenario, number)
+    for recorder in recorders:
+        if not recorder.ended:
+            raise ValueError(f"Episode {recorder.number} did not run in world {recorder.row}.")
+    return [recorder.trace(source.scenario) for recorder in recorders]
+
+
+def record_episode(source: EpisodeSource, number: int, act: Act, *, worlds: int = 1, **arguments: Any) -> EpisodeTrace:
+    """Drive one numbered episode to its end and keep every 0.1 s of it.
+
+    Args:
+        source: Numbered initial states, of the scenario to drive.
+        number: Which of them.
+        act: The policy: ``Policy.act`` after ``begin(worlds, seed)``, or any other callable.
+        worlds: Worlds that drive the same episode at the same time; the rounding of a network's products depends
+            on it.
+        **arguments: Further arguments of `DrivingVectorEnv`: ``shield``, ``action_mode``, ``cost_signal``.
+
+    Raises:
+        ValueError: The source has no such episode.
+    """
+    seated = seat(source, [number], worlds)
+    env = DrivingVectorEnv(source.scenario, worlds, source=seated, autoreset=False, **arguments)
+    return record_rows(env, source, {number: 0}, act)[0]

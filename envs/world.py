@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -162,7 +162,11 @@ def empty_world(worlds: int, vehicles: int, pedestrians: int) -> World:
 
 
 class Shield(Protocol):
-    """Stands between policy and world at every 0.1 s step, in training and in application alike."""
+    """Stands between policy and world at every 0.1 s step, in training and in application alike.
+
+    A shield that remembers anything from one decision to the next, a generator for example, is `Resumable`, too:
+    a run that was killed goes on with what it remembered.
+    """
 
     def begin(self, seed: np.random.SeedSequence) -> None:
         """Called before a roll-out; a shield that draws numbers seeds itself here."""
@@ -184,4 +188,17 @@ class Shield(Protocol):
             Executed targets (N,) [m], executed accelerations (N,) [m/s2], whether the shield intervened (N,),
             and the lateral planner's horizon (N,) [s] or None for the default of 3 s.
         """
+        ...
+
+
+@runtime_checkable
+class Resumable(Protocol):
+    """Has a state of its own that a checkpoint must hold."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """The state as JSON values."""
+        ...
+
+    def restore(self, values: dict[str, Any]) -> None:
+        """Go on from a `snapshot`."""
         ...

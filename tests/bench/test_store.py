@@ -35,7 +35,7 @@ class FullDisk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
         self.calls = 0
         for name in CALLS:
-            monkeypatch.setattr(atomic.os, name, self._failing(getattr(os, name), fails_at))
+            monkeypatch.setattr(os, name, self._failing(getattr(os, name), fails_at))
 
     def _failing(self, real: Callable[..., None], fails_at: int) -> Callable[..., None]:
         def call(*arguments: object) -> None:

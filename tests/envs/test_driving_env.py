@@ -19,13 +19,13 @@ from envs.driving_env import (
     CostSignal,
     DrivingEnv,
     DrivingVectorEnv,
-    SixTuple,
     action_space,
     observation_space,
 )
 from envs.layout import EpisodeSource, held_out_source
 from envs.reward import comfort_reward, speed_reward
 from envs.scenario import GYMNASIUM_IDS, get_scenario, scenario_names
+from envs.six_tuple import SixTuple
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, World
 from tests.envs.small_worlds import driving_env
 

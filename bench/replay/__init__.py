@@ -1,0 +1,1 @@
+"""Recorded episodes, driven again bit for bit: found, checked against their record, drawn."""
