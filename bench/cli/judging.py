@@ -64,7 +64,7 @@ def plot(
     from bench import plots
     from bench.records import collect
 
-    for path in plots.write(collect(results), out or results / "plots"):
+    for path in plots.write(collect(results), out or results / "plots", show):
         show(str(path))
 
 

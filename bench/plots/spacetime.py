@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -12,19 +13,15 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from algorithms.method import Budget, Policy, Task, seed_sequence
-from algorithms.networks import PolicyFileError
-from algorithms.registry import UnavailableMethodError, get_method
-from bench import store
-from bench.errors import RecordError
+from bench.errors import UsageError
 from bench.plots import style
-from bench.plots.data import Array, Runs
+from bench.plots.data import Array, Runs, pick
 from bench.records import Record
+from bench.replay.held_out import replay
 from bench.schema import column
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
-from envs.layout import held_out_source
 from envs.scenario import GOAL_M, LANE_WIDTH_M, LANES, STEP_S
-from envs.trace import EpisodeTrace, record_episode
+from envs.trace import EpisodeTrace
 from envs.world import CROSSING, Ending
 
 DRIVERS: Final = ("dd-rq", "dd-rq-plus", "safety-guard", "cruise+guard", "cruise")
@@ -45,11 +42,16 @@ SEEN_M: Final = 4.0
 
 
 def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
-    """Plan view of the road, and each lane over time; None without a policy that can drive here."""
-    record = next((runs.records[0] for name in DRIVERS for runs in found if runs.method == name), None)
-    trace = None if record is None else _drive(record)
-    if record is None or trace is None:
+    """Plan view of the road, and each lane over time; None without a policy that can drive here.
+
+    Raises:
+        RecordError: A file is not what was sealed.
+        ReplayDiffersError: The episode comes out otherwise than it was recorded.
+    """
+    replayed = _replay(found)
+    if replayed is None:
         return None
+    label, trace = replayed
     figure, axes = style.figure(4, 1, 6.6, gridspec_kw={"height_ratios": [1.0, 1.5, 1.5, 1.5]})
     _plan(axes[0, 0], trace)
     for panel, lane in zip(axes[1:, 0], reversed(range(LANES)), strict=True):
@@ -61,35 +63,26 @@ def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
     axes[2, 0].set_ylabel(f"position minus {FRAME_MPS:g} m/s x time [m]")
     ending = Ending(trace.episode["ending"][-1]).name.lower().replace("_", "-")
     axes[0, 0].set_title(
-        f"Scenario {scenario}: {style.look(record.spec.method).label}, held-out episode {trace.number}, "
-        f"boxes every {STEP_S} s, end: {ending}",
+        f"Scenario {scenario}: {label}, held-out episode {trace.number}, boxes every {STEP_S} s, end: {ending}",
         loc="left",
     )
     figure.legend(handles=_handles(trace), loc="outside lower center", ncols=5)
     return figure
 
 
-def _drive(record: Record) -> EpisodeTrace | None:
-    """One episode of the list, driven again by the record's policy; None where the method cannot be used.
+def _replay(found: Sequence[Runs]) -> tuple[str, EpisodeTrace] | None:
+    """Who drives, and his episode, checked against the record; None where no record has a policy.
 
     Raises:
-        RecordError: The policy is not what was sealed, or is not one of this version.
+        RecordError: A file is not what was sealed.
+        ReplayDiffersError: The episode comes out otherwise than it was recorded.
     """
-    spec = record.spec
-    for name in record.seals:
-        if name.startswith(f"{store.POLICY_FOLDER}/"):
-            record.sealed(name)
-    task = Task(scenario=spec.resolve_scenario(), seed=spec.seed, budget=Budget(spec.steps))
-    try:
-        policy: Policy = get_method(spec.method).load_policy(record.path / store.POLICY_FOLDER, task)
-    except UnavailableMethodError:
-        return None
-    except PolicyFileError as error:
-        raise RecordError(f"{record.path.name}: {error} Remove the folder and run it again.") from error
-    policy.begin(1, seed_sequence("evaluation", spec.scenario_id))
-    source = held_out_source(task.scenario, spec.eval_episodes)
-    number = choose_episode(record)
-    return record_episode(source, number, policy.act, shield=policy.shield, action_mode=policy.action_mode)
+    for name in DRIVERS:
+        for runs in pick(found, [name]):
+            with contextlib.suppress(UsageError):
+                (driven,) = replay(runs.records[0], [choose_episode(runs.records[0])])
+                return style.look(name).label, driven.trace
+    return None
 
 
 def choose_episode(record: Record) -> int:
