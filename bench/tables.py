@@ -116,6 +116,8 @@ def _over_seeds(values: Sequence[float], counts: Sequence[StageCounts], scale: f
     value, interval = estimate.value, estimate.interval
     if not interval.empty:
         interval = Interval(max(0.0, interval.low), interval.high, LEVEL)
+    if not any(present):
+        return Measured(value, interval, f"0 {unit}", sum(c.episodes for c in counts))
     spread = ", one seed" if interval.empty else f" ({interval.low:.2f} to {interval.high:.2f})"
     return Measured(value, interval, f"{value:.2f} {unit}{spread}", sum(c.episodes for c in counts))
 
