@@ -26,7 +26,7 @@ def bench() -> Callable[..., Result]:
 
 def test_python_m_bench_prints_its_help_and_every_command() -> None:
     done = subprocess.run([sys.executable, "-m", "bench", "--help"], capture_output=True, text=True, check=True)
-    for command in ("run", "list", "leaderboard", "tables", "speed", "doctor"):
+    for command in ("run", "list", "leaderboard", "tables", "claims", "plot", "why", "speed", "doctor"):
         assert f"\n  {command} " in done.stdout
 
 
