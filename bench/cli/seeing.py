@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 from typing import Annotated
 
@@ -9,9 +10,24 @@ import typer
 
 from bench.cli.app import RESULTS, AsJson, Results, app, reports_errors, show
 
+
+def _run_names(incomplete: str) -> list[str]:
+    """For the shell's completion: runs of the default results folder."""
+    runs = RESULTS / "runs"
+    return sorted(path.name for path in runs.glob(f"{glob.escape(incomplete)}*")) if runs.is_dir() else []
+
+
 Run = Annotated[
     str,
-    typer.Argument(metavar="RUN", help="Part of a run's folder name, or stress:SCENARIO:tc=3.0:driver=random."),
+    typer.Argument(
+        metavar="RUN",
+        help="Part of a run's folder name, or stress:SCENARIO:tc=3.0:driver=random.",
+        autocompletion=_run_names,
+    ),
+]
+Against = Annotated[
+    str | None,
+    typer.Option(metavar="RUN", help="A second run, on the same episode, beside the first.", autocompletion=_run_names),
 ]
 Episode = Annotated[
     str, typer.Option(help="Number of the held-out episode; worst: a collision, else the closest call; closest.")
@@ -26,9 +42,7 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="x.mp4, x.gif, x.png (five moments) or x.html (a player).")
     ] = None,
-    against: Annotated[
-        str | None, typer.Option(metavar="RUN", help="A second run, on the same episode, beside the first.")
-    ] = None,
+    against: Against = None,
     results: Results = RESULTS,
     as_json: AsJson = False,
 ) -> None:
@@ -43,6 +57,18 @@ def replay(
     show(json_text(command.as_values(shown)) if as_json else command.as_text(shown))
     if written is not None and not as_json:
         show(written)
+
+
+@app.command()
+@reports_errors
+def watch(run: Run, episode: Episode = "worst", against: Against = None, results: Results = RESULTS) -> None:
+    """Play a held-out episode in the terminal, in real time; Ctrl-C ends it."""
+    from rich.console import Console
+
+    from bench.replay import command
+    from bench.replay.watch import watch as play
+
+    play(command.replays(run, episode, against, results), Console(highlight=False))
 
 
 @app.command()

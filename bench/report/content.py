@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-from bench import claims, learning_curve, leaderboard, tables
+from bench import claims, leaderboard, learning_curve, tables
 from bench.published import TITLES
 from bench.records import Collection, Record
 from bench.statistics import exact_rate, format_rate

@@ -72,7 +72,7 @@ function paretoChart(canvas, rows) {
   const points = rows.map((row) => ({
     type: "scatter", data: [place(row)], bars: [[row.collision_seeds_low, row.collision_seeds_high]], label: row.method,
     borderColor: Style.colour(row.method), backgroundColor: faded(Style.colour(row.method), 0.65),
-    pointStyle: Style.mark(row.method), radius: 7, hoverRadius: 10, borderWidth: 2,
+    pointStyle: Style.mark(row.method), radius: 7, hoverRadius: 10, borderWidth: 2, clip: false,
   }));
   const best = front(rows);
   chart(canvas, {
@@ -83,7 +83,7 @@ function paretoChart(canvas, rows) {
       plugins: {
         legend: { display: false },
         tooltip: { filter: (item) => item.dataset.label !== "front", callbacks: {
-          label: ({ raw }) => `${raw.row.method}: ${raw.row.collision_text}, ${decimals(raw.row.speed_mps, 2)} m/s`,
+          label: ({ raw }) => `${raw.row.method}: ${counted(raw.row.collision_text)}, ${decimals(raw.row.speed_mps, 2)} m/s`,
           afterLabel: ({ raw }) => `${whole(raw.row.steps)} steps, ${raw.row.seeds} seed${raw.row.seeds === 1 ? "" : "s"}` } },
       },
       scales: {

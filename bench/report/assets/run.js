@@ -2,7 +2,7 @@
 
 const STAGE_NAMES = { T: "Training (T)", A: "Application (A)" };
 const STAGE_ROWS = [
-  ["collisions", (s) => s.collision_text || NONE], ["finished episodes", (s) => whole(s.episodes)], ["mean speed", (s) => `${decimals(s.speed_mps, 2)} m/s`],
+  ["collisions", (s) => counted(s.collision_text || NONE)], ["finished episodes", (s) => whole(s.episodes)], ["mean speed", (s) => `${decimals(s.speed_mps, 2)} m/s`],
   ["interventions", (s) => percent(s.intervention_ratio)], ["actions really changed", (s) => percent(s.altered_share)], ["return without r_risk", (s) => decimals(s.return_without_risk, 1)],
   ["episode cost", (s) => decimals(s.episode_cost, 4)], ["reached the goal", (s) => percent(s.goal)], ["off the road", (s) => percent(s.off_road)], ["timed out", (s) => percent(s.time_out)],
   ["least TTC, median", (s) => `${decimals(s.ttc_min_median_s, 2)} s`], ["time inside S_safe", (s) => percent(s.inside_safe_gap)], ["time below 1.5 s TTC", (s) => percent(s.low_ttc)],

@@ -67,7 +67,7 @@ function setUpTables() {
 }
 
 function ourCell(cell) {
-  const [head, ...rest] = cell.ours.split(" (");
+  const [head, ...rest] = counted(cell.ours).split(" (");
   return make("td", { class: "number" }, cell.ours ? head : NONE, rest.length ? make("span", { class: "bracket" }, `(${rest.join(" (")}`) : null,
     cell.note ? make("sup", {}, `[${cell.note}]`) : null);
 }
