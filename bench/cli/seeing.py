@@ -77,13 +77,17 @@ def report(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where index.html goes; made if missing.")],
     results: Results = RESULTS,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write one self-contained page with every figure, chart and replay: DIR/index.html."""
     from bench.display import Steps
     from bench.records import collect
     from bench.report import page
+    from bench.text import json_text
 
     collection = collect(results)
-    with Steps("replays", len(collection.records), quiet) as steps:
+    with Steps("replays", len(collection.records), quiet or as_json) as steps:
         path = page.write(collection, out, results / "cache", steps.begin)
-    show(f"{path}: {path.stat().st_size / 1e6:.1f} MB, {len(collection.records)} runs")
+    size, runs = path.stat().st_size, len(collection.records)
+    written = {"path": str(path), "bytes": size, "runs": runs}
+    show(json_text(written) if as_json else f"{path}: {size / 1e6:.1f} MB, {runs} runs")

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import torch
 
 from algorithms.method import Budget, Policy, Task
 from algorithms.registry import UnavailableMethodError, get_method
@@ -69,6 +70,7 @@ def replay(record: Record, numbers: Sequence[int]) -> list[Replay]:
         RecordError: A file is not what was sealed.
         ReplayDiffersError: An episode comes out otherwise than it was recorded, by more than rounding.
     """
+    torch.set_num_threads(1)  # as in a run: rounding depends on it
     recorded = record.eval_episodes()
     wanted = list(dict.fromkeys(numbers))
     found: dict[int, Replay] = {}
