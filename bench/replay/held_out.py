@@ -114,8 +114,10 @@ def _record(
 def load_policy(record: Record) -> tuple[Policy, Task]:
     """The policy of a record, and the task that it was trained on.
 
+    The method may be of another version by now: whether it still drives as recorded is for the replay to check.
+
     Raises:
-        UsageError: It is not there, or of another version.
+        UsageError: It is not there, or its method or scenario is not available here.
         RecordError: A file of it is not what was sealed.
     """
     spec = record.spec
@@ -133,11 +135,6 @@ def load_policy(record: Record) -> tuple[Policy, Task]:
         scenario = spec.resolve_scenario()
     except (UnavailableMethodError, ValueError) as error:
         raise UsageError(f"{record.path.name}: {error}") from error
-    if method.version != spec.method_version:
-        raise UsageError(
-            f"{record.path.name} is of version {spec.method_version} of {spec.method}, this is version "
-            f"{method.version}: use the version of the project that made it."
-        )
     signal = CostSignal[spec.cost_signal.upper()]
     task = Task(scenario, spec.seed, Budget(spec.steps), spec.cost_limit, signal, dict(spec.settings))
     try:
@@ -171,7 +168,8 @@ def _require_same(record: Record, trace: EpisodeTrace, recorded: pa.Table) -> No
         packages = provenance.get("packages", {})
         raise ReplayDiffersError(
             f"{record.path.name}, episode {trace.number}, comes out otherwise than it was recorded "
-            f"({'; '.join(differing)}). It is not shown. The record is of commit "
+            f"({'; '.join(differing)}). It is not shown. The record is of version {record.spec.method_version} of the "
+            f"method, commit "
             f"{str(provenance.get('git', {}).get('commit'))[:12]} with torch {packages.get('torch')} and numpy "
             f"{packages.get('numpy')} on {provenance.get('cpu')}: other code, another version or another processor "
             "may round otherwise."

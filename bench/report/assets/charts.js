@@ -23,19 +23,18 @@ function chart(canvas, configuration) {
   drawn.set(canvas, made);
 }
 
-/** One labelled canvas for each scenario that has something to show. */
-function panels(root, names, draw) {
+/** One labelled canvas for each name that has something to show. */
+function panels(root, names, draw, title = (name) => `Scenario ${name}`) {
   for (const canvas of root.querySelectorAll("canvas")) {
     if (drawn.has(canvas)) drawn.get(canvas).destroy();
     drawn.delete(canvas);
   }
   root.replaceChildren();
   if (!names.length) root.append(make("p", { class: "empty" }, "Nothing to show for these filters."));
-  for (const name of names) {
-    const canvas = make("canvas", { role: "img" });
-    root.append(make("figure", {}, make("figcaption", {}, `Scenario ${name}`), make("div", { class: "canvas" }, canvas)));
-    canvas.setAttribute("aria-label", draw(canvas, name));
-  }
+  // All of them take their places before the first is drawn: a chart has the size of its place.
+  const canvases = names.map(() => make("canvas", { role: "img" }));
+  root.append(...names.map((name, k) => make("figure", {}, make("figcaption", {}, title(name)), make("div", { class: "canvas" }, canvases[k]))));
+  names.forEach((name, k) => canvases[k].setAttribute("aria-label", draw(canvases[k], name)));
 }
 
 /** Interval of each point, as a bar through it. */

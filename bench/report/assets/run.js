@@ -54,14 +54,7 @@ function runReplays(run) {
 function runCurves(run) {
   const root = make("section", { "aria-labelledby": "curve-title" }, make("h2", { id: "curve-title" }, "Learning curve"), make("div", { class: "charts small" }));
   if (!run.curve) return null;
-  const draw = () => {
-    root.lastChild.replaceChildren();
-    for (const metric of Object.keys(METRICS)) {
-      const canvas = make("canvas", { role: "img" });
-      root.lastChild.append(make("figure", {}, make("figcaption", {}, METRICS[metric][0]), make("div", { class: "canvas" }, canvas)));
-      canvas.setAttribute("aria-label", curveChart(canvas, [[run]], metric));
-    }
-  };
+  const draw = () => panels(root.lastChild, Object.keys(METRICS), (canvas, metric) => curveChart(canvas, [[run]], metric), (metric) => METRICS[metric][0]);
   return { root, draw };
 }
 

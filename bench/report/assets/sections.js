@@ -25,7 +25,7 @@ function setUpSummary() {
     ["scenarios", whole(SCENARIOS.length)],
     ["held-out episodes driven", whole(sum(applied, "episodes"))],
     ["hours driven", whole(Math.round(sum(applied, "hours") + sum(trained, "hours")))],
-    ["claims reproduced, not, open", `${count("reproduced")}, ${count("not reproduced")}, ${count("undecided")}`],
+    ["claims reproduced / not / undecided", `${count("reproduced")} / ${count("not reproduced")} / ${count("undecided")}`],
   ];
   byId("summary").append(...tiles.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
 }
