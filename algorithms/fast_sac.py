@@ -15,7 +15,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from algorithms.perceptron import ACTOR, FIRST, SECOND, Workspace, flatten, linear_layers, through_relu, write_gradient
+from algorithms.perceptron import ACTOR, FIRST, SECOND, FlatModule, Layer, Workspace, through_relu, write_gradient
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -90,19 +90,24 @@ class FastSAC(StableBaselinesSAC):
     bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
     """
 
+    precision = torch.float32
+    """Of the products of matrices; parameters, optimisers and losses are 32-bit floats in any case."""
+
     def _setup_model(self) -> None:
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
-        flat_actor, self._online, self._slow = map(flatten, (self.actor, self.critic, self.critic_target))
-        for module, flat in ((self.actor, flat_actor), (self.critic, self._online)):
+        modules = (self.actor, self.critic, self.critic_target)
+        self._flat_actor, self._online, self._slow = (FlatModule(module, self.precision) for module in modules)
+        for module, flat in ((self.actor, self._flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
-            module.optimizer = torch.optim.Adam([flat], lr=group["lr"], fused=True)
-        self._space = Workspace()
+            module.optimizer = torch.optim.Adam([flat.vector], lr=group["lr"], fused=True)
+        self._space = Workspace(self.precision)
         # Mean and log standard deviation are two heads on one trunk.
-        self._trunk = linear_layers(self.actor.latent_pi)
-        self._mean, self._log_std = cast(nn.Linear, self.actor.mu), cast(nn.Linear, self.actor.log_std)
-        self._critics = [linear_layers(network) for network in self.critic.q_networks]
-        self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
+        self._trunk = self._flat_actor.layers(self.actor.latent_pi)
+        (self._mean,) = self._flat_actor.layers(cast(nn.Linear, self.actor.mu))
+        (self._log_std,) = self._flat_actor.layers(cast(nn.Linear, self.actor.log_std))
+        self._critics = [self._online.layers(network) for network in self.critic.q_networks]
+        self._targets = [self._slow.layers(network) for network in self.critic_target.q_networks]
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
@@ -110,6 +115,8 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
+        for flat in (self._flat_actor, self._online, self._slow):
+            flat.refresh()
         with torch.no_grad():
             for _ in range(gradient_steps):
                 sums += self._update(batch_size)
@@ -133,10 +140,11 @@ class FastSAC(StableBaselinesSAC):
         target = reward + (1.0 - terminated) * self.gamma * (value - alpha * following.log_prob)
         critic_loss = self._update_critics(state_action, target)
         actor_loss = self._update_actor(states, sample, alpha)
-        self._slow.data.lerp_(self._online.data, self.tau)
+        self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
+        self._slow.refresh()
         return alpha, actor_loss, critic_loss
 
-    def _least_value(self, critics: list[list[nn.Linear]], state_action: Tensor) -> Tensor:
+    def _least_value(self, critics: list[list[Layer]], state_action: Tensor) -> Tensor:
         """The smaller of both critics' values, shape (batch,)."""
         return torch.minimum(*(self._space.forward(critic, state_action, FIRST)[-1] for critic in critics))[:, 0]
 
@@ -145,7 +153,7 @@ class FastSAC(StableBaselinesSAC):
         # The trunk ends in a ReLU of its own.
         activations = self._space.forward([*self._trunk, self._mean], states, ACTOR)
         hidden, mean = activations[-2], activations[-1]
-        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t())
+        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t()).float()
         log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
         std = log_std.exp()
         action = torch.tanh(mean + std * noise)
@@ -171,6 +179,7 @@ class FastSAC(StableBaselinesSAC):
             loss += 0.5 * float(error.square().mean())
             self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
         adam_step(self.critic.optimizer)
+        self._online.refresh()
         return loss
 
     def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
@@ -196,15 +205,22 @@ class FastSAC(StableBaselinesSAC):
         to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
         self._backward_actor(sample.activations, to_mean, to_log_std)
         adam_step(self.actor.optimizer)
+        self._flat_actor.refresh()
         return float((alpha * sample.log_prob - value).mean())
 
     def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
         """Write the actor's gradients from those of its two heads."""
-        hidden = activations[-1]
+        hidden, to_mean, to_log_std = activations[-1], to_mean.to(self.precision), to_log_std.to(self.precision)
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
             write_gradient(head, incoming, hidden)
         gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
         self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=False)
+
+
+class HalfFastSAC(FastSAC):
+    """`FastSAC` with products in bfloat16: pays where the processor has matrix units for it (AMX)."""
+
+    precision = torch.bfloat16
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ import torch
 from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.callbacks import BaseCallback
 
-from algorithms.fast_sac import FastSAC, reproducible
+from algorithms.fast_sac import FastSAC, HalfFastSAC, reproducible
 from algorithms.method import Method, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
 from algorithms.sac_checkpoint import Checkpointing, restore
@@ -41,7 +41,7 @@ class SACSettings:
         warm_up: Decisions under uniformly random actions before learning starts.
         learning_rate: Adam's, of actor, critics and temperature (paper, appendix).
         tau: Target network step (paper, appendix).
-        learner: ``fast``, or ``sb3`` for the stock update (the same numbers, slower).
+        learner: ``fast``; ``sb3`` for the stock update (the same numbers, slower); ``bf16`` for bfloat16 products.
     """
 
     worlds: int = 16
@@ -80,7 +80,9 @@ class SACSettings:
         return replace(cls(), **changes)
 
 
-LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {"fast": FastSAC, "sb3": StableBaselinesSAC}
+LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {
+    "fast": FastSAC, "bf16": HalfFastSAC, "sb3": StableBaselinesSAC,
+}  # fmt: skip
 SETTING_NAMES: Final = tuple(item.name for item in fields(SACSettings))
 
 

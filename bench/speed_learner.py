@@ -38,31 +38,59 @@ def _build(name: str, settings: SACSettings) -> Any:
     return learner.learn(WARM_UP_DECISIONS + 4 * settings.worlds)
 
 
-def learner(repeats: int = 7) -> dict[str, Any]:
-    """Medians over repeats in which both learners take turns, one torch thread, fp32."""
-    torch.set_num_threads(1)
-    settings = SACSettings()
-    models = {name: _build(name, settings) for name in ("fast", "sb3")}
-    wall: dict[str, list[float]] = {name: [] for name in models}
-    cpu: dict[str, list[float]] = {name: [] for name in models}
+BATCHES: Final = (64, 256)
+"""The default and stable-baselines3's own, at which others quote their speed."""
+
+
+def _supports_bf16() -> bool:
+    """Whether torch has bfloat16 products for this processor that are not emulated."""
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
+def _side_by_side(models: dict[str, Any], batch: int, repeats: int) -> dict[str, Any]:
+    """Updates per second of processor time, medians over repeats in which the learners take turns."""
+    rates: dict[str, list[float]] = {name: [] for name in models}
     for _ in range(repeats):
         for name, model in models.items():
-            start, start_cpu = time.perf_counter(), time.process_time()
-            model.train(UPDATES, settings.batch)
-            wall[name].append(UPDATES / (time.perf_counter() - start))
-            cpu[name].append(UPDATES / (time.process_time() - start_cpu))
-    ratios = [fast / stock for fast, stock in zip(cpu["fast"], cpu["sb3"], strict=True)]
+            start = time.process_time()
+            model.train(UPDATES, batch)
+            rates[name].append(UPDATES / (time.process_time() - start))
+
+    def median(name: str) -> float | None:
+        return statistics.median(rates[name]) if name in rates else None
+
+    def ratio(name: str) -> float | None:
+        if name not in rates:
+            return None
+        return statistics.median(ours / stock for ours, stock in zip(rates[name], rates["sb3"], strict=True))
+
     return {
-        "batch": settings.batch,
+        "batch": batch,
+        "sb3_updates_per_s": median("sb3"),
+        "fp32_updates_per_s": median("fast"),
+        "bf16_updates_per_s": median("bf16"),
+        "ratio_fp32": ratio("fast"),
+        "ratio_bf16": ratio("bf16"),
+    }
+
+
+def learner(repeats: int = 7) -> dict[str, Any]:
+    """Updates per second side by side, one torch thread; None for bfloat16 where the processor lacks it.
+
+    The figures at the top are for batches of 256; ``by_batch`` has those of the default, too.
+    """
+    torch.set_num_threads(1)
+    settings = SACSettings()
+    names = [name for name in LEARNERS if name != "bf16" or _supports_bf16()]
+    models = {name: _build(name, settings) for name in names}
+    found = [_side_by_side(models, batch, repeats) for batch in BATCHES]
+    return {
+        **found[-1],
+        "by_batch": found,
         "actor_layers": list(ACTOR_LAYERS),
         "critic_layers": list(CRITIC_LAYERS),
         "repeats": repeats,
-        "updates_per_s": statistics.median(wall["fast"]),
-        "updates_per_s_sb3": statistics.median(wall["sb3"]),
-        "updates_per_cpu_s": statistics.median(cpu["fast"]),
-        "updates_per_cpu_s_sb3": statistics.median(cpu["sb3"]),
-        "ratio_vs_sb3": statistics.median(ratios),
-        "bf16_on_this_cpu": bool(torch.ops.mkldnn._is_mkldnn_bf16_supported()),
+        "amx": bool(torch.cpu._is_amx_tile_supported()),
         "cpu": cpu_model(),
         "usable_cores": usable_cores(),
     }
@@ -70,10 +98,13 @@ def learner(repeats: int = 7) -> dict[str, Any]:
 
 def as_text(measured: dict[str, Any]) -> str:
     """The figures for people."""
-    return (
-        f"SAC update, batch {measured['batch']}, one thread, medians of {measured['repeats']} repeats, "
-        f"{measured['cpu']}\n"
-        f"this learner        {measured['updates_per_s']:>8.1f} updates/s\n"
-        f"stable-baselines3   {measured['updates_per_s_sb3']:>8.1f} updates/s "
-        f"(this learner: {measured['ratio_vs_sb3']:.2f} times, by processor time)"
-    )
+    lines = [f"SAC updates per second of processor time, one thread, medians of {measured['repeats']} repeats, "
+             f"{measured['cpu']}"]  # fmt: skip
+    for found in measured["by_batch"]:
+        half = "no bf16" if found["ratio_bf16"] is None else f"bf16 {found['bf16_updates_per_s']:.1f}"
+        times = "" if found["ratio_bf16"] is None else f" ({found['ratio_bf16']:.2f} times)"
+        lines.append(
+            f"batch {found['batch']:>3}   stable-baselines3 {found['sb3_updates_per_s']:.1f}   "
+            f"fp32 {found['fp32_updates_per_s']:.1f} ({found['ratio_fp32']:.2f} times)   {half}{times}"
+        )
+    return "\n".join(lines)
