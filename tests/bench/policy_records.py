@@ -77,7 +77,4 @@ def write_record(
 
 def reference_policy(method: str, scenario: str = "a") -> Policy:
     """The policy of a driver that does not train."""
-    from algorithms.method import Budget, Task
-
-    np.random.seed(0)
     return get_method(method).train(Task(get_scenario(scenario), 0, Budget(5)))
