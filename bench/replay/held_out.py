@@ -126,7 +126,8 @@ def load_policy(record: Record) -> tuple[Policy, Task]:
     if not folder.is_dir():
         raise UsageError(
             f"{record.path.name} holds no policy (to save room, only seed 0 of a method may keep its own): "
-            f"choose a run whose folder has {store.POLICY_FOLDER}/, or run {spec.label} again."
+            f"choose a run whose folder has {store.POLICY_FOLDER}/, or run {spec.label} again, with --results "
+            "set to another folder."
         )
     for name in sealed:
         record.sealed(name)

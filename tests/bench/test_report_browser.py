@@ -187,13 +187,22 @@ def test_browser_texts_from_plugins_are_shown_as_text(open_report: Callable[...,
     assert shown.evaluate("window.broken") is None
 
 
-def test_browser_200_runs_are_interactive_in_time_and_small(open_report: Callable[..., Page], values: Any) -> None:
-    large = many(values)
-    assert len(page.render(*large).encode()) < SIZE_MAX
-    shown = open_report(large)
-    ready = shown.evaluate("performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd")
-    assert ready < 1000.0 * INTERACTIVE_S
+def test_browser_200_runs_are_interactive_in_time_and_small(
+    browser: Browser, values: tuple[dict[str, Any], dict[str, Any]], tmp_path: Path
+) -> None:
+    path = tmp_path / "index.html"
+    path.write_text(page.render(*many(values)), encoding="utf-8")
+    assert path.stat().st_size < SIZE_MAX
+    shown = browser.new_page()
+    session = shown.context.new_cdp_session(shown)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})
+    shown.goto(path.as_uri())
+    shown.wait_for_selector("html[data-ready]", state="attached")
+    spent = {metric["name"]: metric["value"] for metric in session.send("Performance.getMetrics")["metrics"]}
+    # Processor time of the page's thread: what a machine with nothing else to do needs.
+    assert spent["ThreadTime"] < INTERACTIVE_S
     assert len(column(shown, "#run-table", 1)) == MANY + 4
+    shown.close()
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (360, "dark"), (1280, "dark")])
