@@ -30,7 +30,8 @@ function setUpSummary() {
   byId("summary").append(...tiles.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
 }
 
-function setUpPairs() {
+/** Resolves once the first pair has taken its place. */
+async function setUpPairs() {
   const pairs = episodes().pairs.filter((pair) =>
     [pair.first, pair.second].every((id) => episodes().runs[id].episodes.some((one) => one.number === pair.number)));
   if (!pairs.length) {
@@ -48,7 +49,7 @@ function setUpPairs() {
     player.seek(Math.max(0, (first.closest ?? first.steps) - 30));
   };
   byId("pair").append(make("div", { class: "choices", role: "group", "aria-label": "Pairs of runs" }, ...buttons), stage);
-  choose(pairs[pairs.length - 1]);
+  return choose(pairs[pairs.length - 1]);
 }
 
 function setUpTables() {
