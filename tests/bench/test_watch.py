@@ -24,7 +24,7 @@ def shown() -> Replay:
     trace = record_episode(source, 0, lambda _: np.array([[0.0, 0.5]]))
     steps, bodies = len(trace), trace.vehicles.shape[1] + trace.pedestrians.shape[1]
     importance = np.zeros((steps, bodies))
-    importance[:, 0] = 0.75
+    importance[:, np.argmin(trace.vehicles["s"][0])] = 0.75
     full = np.full(steps, 1.0)
     return Replay("somebody", trace, GuardView(2.5 * full, 40.0 * full, full, full, -full, importance))
 
@@ -40,11 +40,12 @@ def test_the_ego_is_a_quarter_of_the_way_in_its_lanes_row(shown: Replay) -> None
 
 def test_a_car_stands_as_many_characters_ahead_as_metres(shown: Replay) -> None:
     rows = watch.road(shown, 0, 220)
-    car, ego = shown.trace.vehicles[0, 0], shown.trace.ego[0]
+    cars, ego = shown.trace.vehicles[0], shown.trace.ego[0]
+    car = cars[np.argmin(cars["s"])]
     text = rows[watch.MIDDLE - round(car["d"] / watch.ROW_M)]
-    # The guard ranks this one, so its importance stands in it.
+    # The guard ranks the nearest one, so its importance stands in it.
     own = next(row for row in rows if "[EEE>" in row).index("[EEE>")
-    assert abs(text.index("[75 >") - own - (car["s"] - ego["s"])) <= 1.0
+    assert abs(text.index("[ 75>") - own - (car["s"] - ego["s"])) <= 1.0
 
 
 def test_status_names_risk_and_the_end(shown: Replay) -> None:
