@@ -15,7 +15,7 @@ COVERAGE_MIN := 90
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv bench test check lint types coverage slow tables clean
+.PHONY: help venv bench test check lint types coverage slow browser tables clean
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -49,6 +49,9 @@ coverage: $(STAMP) ## Run the fast tests and hold the branch coverage of the cor
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 -m kernels --cov --cov-append --cov-report=
 	$(BIN)/coverage report --include='$(COVERED)' --fail-under=$(COVERAGE_MIN)
+
+browser: $(STAMP) ## Run the report in a headless Chromium, which must be installed.
+	$(BIN)/python -m pytest -m browser
 
 slow: $(STAMP) ## Run the slow and the learning tests.
 	$(BIN)/python -m pytest -m "slow or learning"

@@ -53,10 +53,10 @@ def parse_name(text: str) -> StressName:
     values = {key: value for key, _, value in (part.partition("=") for part in own)}
     try:
         scenario = get_scenario(":".join(part for part in parts if part not in own))
-        if values.get("tc", DD_RQ) != DD_RQ:
-            float(values["tc"])
         if not all(values.values()):
             raise ValueError("A key has no value.")
+        if values.get("tc", DD_RQ) != DD_RQ:
+            float(values["tc"])
         numbers = {key: int(values.pop(key)) for key in ("seed", "agent_steps") if key in values}
     except (ValueError, UnknownNameError) as error:
         raise UsageError(f"{text}: {error} Expected a name such as {EXAMPLE}.") from error

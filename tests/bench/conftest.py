@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 from bench import schema, store
+from bench.cli import app
 from bench.spec import RunSpec
 from bench.store import Store
 from envs.world import EPISODE, Ending, Fault
@@ -111,6 +113,16 @@ def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     importlib.invalidate_caches()
     yield folder
     sys.modules.pop("fake_methods", None)
+
+
+@pytest.fixture
+def bench() -> Callable[..., Result]:
+    """Runs the command line in this process."""
+
+    def call(*arguments: object) -> Result:
+        return CliRunner().invoke(app, [*map(str, arguments)])
+
+    return call
 
 
 @pytest.fixture

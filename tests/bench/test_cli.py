@@ -7,21 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
-
-from bench.cli import app
+from typer.testing import Result
 
 MakeRecord = Callable[..., Path]
-
-
-@pytest.fixture
-def bench() -> Callable[..., Result]:
-    """Runs the command line in this process."""
-
-    def call(*arguments: str) -> Result:
-        return CliRunner().invoke(app, [*map(str, arguments)])
-
-    return call
 
 
 def test_python_m_bench_prints_its_help_and_every_command() -> None:
