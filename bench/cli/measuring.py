@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ from bench.cli.app import RESULTS, AsJson, Results, group, reports_errors, show
 
 speed_app = group("speed", "Measure speed on this machine.")
 stress_app = group("stress", "Try to make a guard fail.")
+risk_app = group("risk", "Look into the risk models.")
 
 
 @speed_app.command()
@@ -54,6 +56,26 @@ def risk(
 
     measured = speed_risk.risk(repeats)
     show(json_text(measured) if as_json else speed_risk.as_text(measured))
+
+
+@risk_app.command()
+@reports_errors
+def report(
+    scenario: Annotated[str, typer.Option(help="Scenario of the models.")] = "a",
+    agent_steps: Annotated[int, typer.Option(min=1, help="Budget of the driving agent behind them.")] = 500_000,
+    results: Results = RESULTS,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where it goes; a folder in RESULTS/risk by default.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge the risk models of dd-rq and dd-rq-plus by roll-outs of their driving agent; train what is missing."""
+    from bench.risk import report as risk_report
+    from bench.text import json_text
+
+    folder = out or results / "risk" / f"{scenario}-{agent_steps}"
+    found = risk_report.command(scenario, agent_steps, results / "cache", folder)
+    show(json_text(found) if as_json else f"{risk_report.as_markdown(found)}\nWritten: {folder}")
 
 
 @stress_app.command()
