@@ -43,20 +43,22 @@ class State:
         arrays: Whole arrays by name, of numbers or of records of numbers.
         growing: Arrays whose rows never change once they are there; later states have the same rows and more.
         values: JSON values by name.
+        at: Where in the training it was taken, for people.
     """
 
     arrays: Mapping[str, Array] = field(default_factory=dict)
     growing: Mapping[str, Array] = field(default_factory=dict)
     values: Mapping[str, Any] = field(default_factory=dict)
+    at: str = ""
 
     @classmethod
-    def joined(cls, **parts: State) -> State:
+    def joined(cls, at: str, **parts: State) -> State:
         """One state of several; `part` takes it apart again."""
 
         def join(name: str) -> dict[str, Any]:
             return {f"{key}/{k}": v for key, part in parts.items() for k, v in getattr(part, name).items()}
 
-        return cls(join("arrays"), join("growing"), join("values"))
+        return cls(join("arrays"), join("growing"), join("values"), at)
 
     def part(self, key: str) -> State:
         """The part that `joined` was given under this key."""
@@ -105,8 +107,8 @@ class Host(Protocol):
         """The state as JSON values."""
         ...
 
-    def restore(self, values: dict[str, Any], steps: int) -> None:
-        """Go on from a `snapshot` that was taken after so many simulation steps."""
+    def restore(self, values: dict[str, Any], steps: int, at: str) -> None:
+        """Go on from a `snapshot` that was taken after so many simulation steps, and where in the training."""
         ...
 
 
@@ -161,6 +163,7 @@ class FileCheckpoints:
             "format": FORMAT,
             "identity": self._identity,
             "steps": steps,
+            "at": state.at,
             "values": dict(state.values),
             "host": None if self._host is None else self._host.snapshot(),
             "segments": [*self._segments, segment],
@@ -186,8 +189,9 @@ class FileCheckpoints:
                 continue
             self._number, self._segments = number, [(int(n), sizes) for n, sizes in head["segments"]]
             self._last = time.monotonic(), head["steps"]
+            print(f"goes on from step {head['steps']} {state.at}", file=sys.stderr, flush=True)
             if self._host is not None:
-                self._host.restore(head["host"], head["steps"])
+                self._host.restore(head["host"], head["steps"], state.at)
             return state
         self.clear()
         return None
@@ -205,7 +209,7 @@ class FileCheckpoints:
             growing[name] = np.concatenate([rows[name] for rows in segments if name in rows])
             if len(growing[name]) != length:
                 raise ValueError(f"{name} has {len(growing[name])} rows instead of {length}")
-        return head, State(arrays, growing, head["values"])
+        return head, State(arrays, growing, head["values"], head["at"])
 
     def clear(self) -> None:
         """Remove all: the training is over, or starts at the beginning."""

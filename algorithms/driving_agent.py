@@ -59,7 +59,7 @@ class _Curve:
     def snapshot(self) -> dict[str, Any]:
         return {"points": list(self.points)}
 
-    def restore(self, values: dict[str, Any], steps: int) -> None:
+    def restore(self, values: dict[str, Any], steps: int, at: str) -> None:
         self.points[:] = values["points"]
         self.progress(steps, {})
 

@@ -7,17 +7,15 @@ import hashlib
 import importlib.metadata
 import json
 import platform
+import re
 from pathlib import Path
 from typing import Any, Final
 
 PROJECT: Final = Path(__file__).resolve().parent.parent
 LEARNING: Final = ("envs", "algorithms")
 """Folders whose files decide how a training goes on."""
-PACKAGES: Final = (
-    "safedrive-bench", "numpy", "torch", "numba", "llvmlite", "gymnasium", "highway-env", "stable-baselines3",
-    "safetensors", "pandas", "pyarrow", "pydantic", "scipy", "omnisafe",
-)  # fmt: skip
-"""Packages that results, or the bytes of their records, may depend on."""
+ROOTS: Final = ("safedrive-bench", "omnisafe")
+"""Packages whose requirements, and theirs in turn, results may depend on."""
 
 
 @functools.cache
@@ -32,14 +30,26 @@ def source_digest(folders: tuple[str, ...]) -> str:
 
 @functools.cache
 def package_versions() -> dict[str, str]:
-    """Installed versions of `PACKAGES`; absent ones are left out."""
-    versions = {}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
+    """Installed versions of `ROOTS` and of all that they require without an extra: a lock, in order of name."""
+    versions: dict[str, str] = {}
+    left = list(ROOTS)
+    while left:
+        name = _normal(left.pop())
+        if name in versions:
             continue
-    return versions
+        try:
+            found = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:  # for another system, or replaced by a stand-in
+            continue
+        versions[name] = found.version
+        left += [text for text in found.requires or () if "extra ==" not in text]
+    return dict(sorted(versions.items()))
+
+
+def _normal(requirement: str) -> str:
+    """Name in a requirement, as PyPA's specification of names normalises it."""
+    name = re.match(r"[A-Za-z0-9._-]+", requirement)
+    return re.sub(r"[-_.]+", "-", name.group() if name else requirement).lower()
 
 
 def learning_identity(*parts: Any) -> str:

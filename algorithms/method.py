@@ -144,10 +144,15 @@ class Task:
             action_mode=action_mode,
             comfort=comfort,
             cost_signal=self.cost_signal,
-            source=EpisodeSource(self.scenario, self.stream("train")),
+            source=self.episodes(),
             decision_limit=decisions // worlds,
+            watched=True,
         )
         return self._env
+
+    def episodes(self) -> EpisodeSource:
+        """Initial states of the training episodes."""
+        return EpisodeSource(self.scenario, self.stream("train"))
 
     def steps_done(self) -> int:
         """Simulation steps used so far."""
@@ -167,6 +172,9 @@ class Method(ABC):
         name: Registered name.
         version: Raised by every change that alters results.
         trains: False for reference drivers, which have no T stage.
+        bootstraps: False for learners that use no value of a next state (evolution, whole returns): to them truncation
+            is no special case.
+        bounds_cost: Whether it heeds the cost and its limit.
         defaults: Parameters and their default values; the type of the default is the parameter's type.
         setting_names: Keys that ``--set NAME.KEY=VALUE`` may carry.
     """
@@ -174,6 +182,8 @@ class Method(ABC):
     name: ClassVar[str]
     version: ClassVar[int] = 1
     trains: ClassVar[bool] = True
+    bootstraps: bool = True
+    bounds_cost: bool = False
     defaults: ClassVar[Mapping[str, Any]] = {}
     setting_names: ClassVar[tuple[str, ...]] = ()
 

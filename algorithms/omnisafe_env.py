@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -44,6 +44,15 @@ class VectorCMDP:
         self._observations: npt.NDArray[np.float32] | None = None
         self._sums = np.zeros((2, num_envs))  # return and cost of the running episodes
         self._carried: npt.NDArray[np.float64] | None = None
+
+    def snapshot(self) -> dict[str, npt.NDArray[Any]]:
+        """What the next epoch begins with, the vector environment apart."""
+        assert self._observations is not None
+        return {"observations": self._observations.copy(), "sums": self._sums.copy()}
+
+    def restore(self, kept: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from a `snapshot`: the next `reset` begins a later epoch."""
+        self._observations, self._sums = kept["observations"].copy(), kept["sums"].copy()
 
     def set_seed(self, seed: int) -> None:
         """Nothing: the vector environment has random streams of its own."""

@@ -29,6 +29,8 @@ ALGORITHMS: Final = (
 )  # fmt: skip
 """OmniSafe's on-policy algorithms but for Saute, Simmer and EarlyTerminated: those change observation or episode."""
 
+UNCONSTRAINED: Final = ("NaturalPG", "PPO", "PolicyGradient", "TRPO")
+
 
 def longest_episode(scenario: Scenario) -> int:
     """Decisions until an episode ends at the latest."""
@@ -57,7 +59,7 @@ def train(algorithm: str, task: Task) -> NetworkPolicy:
     def progress(scalars: Mapping[str, float]) -> None:
         task.progress(env.steps_done, {**training_scalars(env), **scalars})
 
-    trained = train_actor(algorithm, env, custom, chosen.rest, progress)
+    trained = train_actor(algorithm, env, custom, chosen.rest, progress, task.checkpoints)
     architecture = Architecture(
         (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
     )
@@ -71,8 +73,9 @@ class OnPolicyMethod(Method):
         algorithm: Name in OmniSafe.
     """
 
-    version = 1
+    version = 2
     setting_names = SETTING_NAMES
+    bounds_cost = True
     algorithm: str
 
     @classmethod
@@ -122,3 +125,4 @@ class OmniSafe(OnPolicyMethod):
         self.algorithm = str(self.parameters["algo"])
         if self.algorithm not in ALGORITHMS:
             raise UnknownNameError("OmniSafe algorithm", self.algorithm, list(ALGORITHMS))
+        self.bounds_cost = self.algorithm not in UNCONSTRAINED

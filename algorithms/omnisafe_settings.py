@@ -32,6 +32,8 @@ class OmniSafeSettings:
         fisher_decisions: Decisions of an epoch, evenly spaced, that Fisher products use; the line search still
             measures KL on all of them.
         fisher_iterations: Conjugate-gradient iterations.
+        fisher_damping: Added to the Fisher matrix's diagonal; OmniSafe's 0.1 outweighs the curvature of our networks,
+            and a step then stays far inside the trust region.
         multiplier: Lagrange multiplier at the start.
         multiplier_learning_rate: Adam's, of the multiplier, one step per epoch.
         multiplier_max: Cap of the multiplier, where the algorithm has one (FOCOPS, CUP).
@@ -52,6 +54,7 @@ class OmniSafeSettings:
     kl_limit: float = 0.01
     fisher_decisions: int = 100
     fisher_iterations: int = 10
+    fisher_damping: float = 0.1
     multiplier: float = 0.001
     multiplier_learning_rate: float = 0.035
     multiplier_max: float = 2.0
@@ -87,7 +90,25 @@ class OmniSafeSettings:
 
 SETTING_NAMES: Final = tuple(item.name for item in fields(OmniSafeSettings))
 
-_TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType({})
+_TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
+    {
+        "FOCOPS": OmniSafeSettings(
+            actor_learning_rate=1e-3,
+            kl_limit=0.1,
+            temperature=0.5,
+            multiplier=20.0,
+            multiplier_learning_rate=1.0,
+            multiplier_max=100.0,
+        ),
+        "TRPOLag": OmniSafeSettings(
+            kl_limit=0.03,
+            fisher_decisions=500,
+            fisher_damping=0.01,
+            multiplier=5.0,
+            multiplier_learning_rate=0.2,
+        ),
+    }
+)
 
 
 def settings_of(algorithm: str) -> OmniSafeSettings:
@@ -210,6 +231,7 @@ def _algorithm_section(settings: OmniSafeSettings, cost_limit: float, gamma: flo
         "lam": settings.gae,
         "lam_c": settings.gae,
         "cg_iters": settings.fisher_iterations,
+        "cg_damping": settings.fisher_damping,
         "cost_limit": cost_limit,
         "distance": 0.0,  # OnCRPO's tolerance; its 2.0 could never bind on a cost of at most 1
     }

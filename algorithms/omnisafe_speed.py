@@ -76,6 +76,47 @@ def without_display(sequence: Iterable[Any], description: str = "") -> Iterable[
     return sequence
 
 
+def lean_step(
+    agent: Any, obs: torch.Tensor, deterministic: bool = False
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """OmniSafe's `ConstraintActorCritic.step` without what surrounds the matrix products; the same numbers.
+
+    Args:
+        agent: The actor-critic, with a Gaussian actor.
+        obs: Shape (N, observation), or one observation.
+        deterministic: Take the mean action.
+
+    Returns:
+        Action, value of reward and of cost, log probability of the action.
+    """
+    with torch.no_grad():
+        value_r, value_c = (
+            _through(critic.net_lst[0], obs).squeeze(-1) for critic in (agent.reward_critic, agent.cost_critic)
+        )
+        distribution = torch.distributions.Normal(_through(agent.actor.mean, obs), torch.exp(agent.actor.log_std))
+        action = distribution.mean if deterministic else distribution.rsample()
+        return action, value_r, value_c, distribution.log_prob(action).sum(dim=-1)
+
+
+def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor:
+    """A network's output, its layers called directly."""
+    for layer in network._modules.values():
+        if isinstance(layer, torch.nn.Linear):
+            values = torch.nn.functional.linear(values, layer.weight, layer.bias)
+        elif isinstance(layer, torch.nn.ReLU):
+            values = values.relu_()  # what it overwrites is the layer's before it
+        elif not isinstance(layer, torch.nn.Identity):
+            values = layer(values)
+    return values
+
+
+class SilentConsole:
+    """Stands in for rich's `Console`, which would lay out tables and texts that nobody sees."""
+
+    def print(self, *_texts: Any, **_style: Any) -> None:
+        """Nothing."""
+
+
 def _replacements() -> list[tuple[Any, str, Any]]:
     """Module, name and replacement of everything that is replaced."""
     buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
@@ -83,6 +124,8 @@ def _replacements() -> list[tuple[Any, str, Any]]:
     found: list[tuple[Any, str, Any]] = [
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
+        (omnisafe_module("omnisafe.common.logger"), "Console", SilentConsole),
+        (omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic, "step", lean_step),
     ]
     for module_name, module in sys.modules.items():
         if module_name.startswith(("omnisafe.algorithms.on_policy.", "omnisafe.adapter.")):

@@ -9,9 +9,12 @@ from typing import Any
 import torch
 from gymnasium.vector import VectorEnv
 
+from algorithms.checkpoints import Checkpoints
+from algorithms.omnisafe_checkpoint import capture, restore
 from algorithms.omnisafe_env import known_to_omnisafe
 from algorithms.omnisafe_library import close_logger, omnisafe_module, process_state_kept
 from algorithms.omnisafe_speed import fast_loops
+from envs.driving_env import DrivingVectorEnv
 
 Progress = Callable[[Mapping[str, float]], None]
 
@@ -22,6 +25,7 @@ def train_actor(
     configuration: Mapping[str, Any],
     rest: int = 0,
     progress: Progress = lambda _scalars: None,
+    checkpoints: Checkpoints | None = None,
 ) -> torch.nn.Sequential:
     """Train by OmniSafe's own implementation; the mean network, from observation to action in [-1, 1], unclipped.
 
@@ -31,6 +35,7 @@ def train_actor(
         configuration: OmniSafe's custom configuration, but for the folder of its log.
         rest: Decisions of each world after the last update.
         progress: Called with scalars at the start of every epoch and at the end.
+        checkpoints: Where to keep the state at the end of an epoch; the environment must be one of ours then.
 
     Raises:
         UnavailableMethodError: OmniSafe cannot be imported.
@@ -39,6 +44,8 @@ def train_actor(
 
     def epoch_begins() -> None:
         if trainer is not None:
+            if checkpoints is not None and isinstance(vector, DrivingVectorEnv) and checkpoints.due(vector.steps_done):
+                checkpoints.save(vector.steps_done, capture(trainer, vector))
             progress(_epoch_scalars(trainer))
 
     with (
@@ -49,6 +56,9 @@ def train_actor(
     ):
         chosen = {**configuration, "logger_cfgs": {**configuration["logger_cfgs"], "log_dir": folder}}
         trainer = omnisafe_module().Agent(algorithm, environment, custom_cfgs=chosen).agent
+        before = None if checkpoints is None else checkpoints.load()
+        if before is not None and isinstance(vector, DrivingVectorEnv):
+            restore(trainer, vector, before)
         try:
             trainer.learn()
             _spend_rest(trainer, rest)

@@ -1,13 +1,19 @@
-"""Names of methods: built-in ones, `@register`ed ones and those of installed packages; loaded lazily."""
+"""Names of methods: built-in ones, `@register`ed ones and those of installed packages; loaded lazily.
+
+A file of this package needs no more than `@register("name")` right above its class; another package an entry point in
+the group `bench.methods`.
+"""
 
 from __future__ import annotations
 
-import importlib
-import importlib.metadata
+import functools
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from envs.plugins import DuplicateNameError, UnavailableError, load, origins
 from envs.scenario import UnknownNameError
 
 if TYPE_CHECKING:
@@ -46,16 +52,14 @@ REFERENCE_DRIVERS: Final = (
 )
 """Rows that make a table's figures readable; all but `rss-guard` are scripted."""
 
+_REGISTERS: Final = re.compile(r'^@register\("([^"]+)"\)\nclass (\w+)', re.MULTILINE)
+
 M = TypeVar("M", bound="type[Method]")
 _registered: dict[str, tuple[str, type[Method]]] = {}
 
 
-class UnavailableMethodError(RuntimeError):
+class UnavailableMethodError(UnavailableError):
     """A known method cannot be used here; the message says why and what helps."""
-
-
-class DuplicateNameError(ValueError):
-    """Two origins claim one name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +73,7 @@ class Listing:
 
 
 def register(name: str) -> Callable[[M], M]:
-    """Class decorator that makes a method known under a name.
+    """Class decorator that makes a method known under a name, from the moment that its module is imported.
 
     Raises:
         DuplicateNameError: The name is taken; both origins are named.
@@ -77,9 +81,9 @@ def register(name: str) -> Callable[[M], M]:
 
     def decorate(method: M) -> M:
         origin = f"{method.__module__}:{method.__qualname__}"
-        taken = _origins().get(name)
-        if taken is not None and taken != origin:
-            raise DuplicateNameError(f"Method name {name!r} is claimed by {taken} and by {origin}.")
+        taken = [claim for claim in _origins().get(name, []) if claim != origin]
+        if taken:
+            raise DuplicateNameError("Method", name, [*taken, origin])
         method.name = name
         _registered[name] = (origin, method)
         return method
@@ -87,19 +91,23 @@ def register(name: str) -> Callable[[M], M]:
     return decorate
 
 
-def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    found: dict[str, importlib.metadata.EntryPoint] = {}
-    for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
-        other = _BUILT_IN.get(point.name) or (found[point.name].value if point.name in found else None)
-        if other is not None and other != point.value:
-            raise DuplicateNameError(f"Method name {point.name!r} is claimed by {other} and by {point.value}.")
-        found[point.name] = point
+@functools.cache
+def _in_files() -> dict[str, str]:
+    """Origin by name of what files of this package register; read from their text, nothing is imported."""
+    found = {}
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        for name, attribute in _REGISTERS.findall(path.read_text("utf-8")):
+            found[name] = f"algorithms.{path.stem}:{attribute}"
     return found
 
 
-def _origins() -> dict[str, str]:
-    registered = {name: origin for name, (origin, _) in _registered.items()}
-    return {**_BUILT_IN, **{name: point.value for name, point in _entry_points().items()}, **registered}
+def _origins() -> dict[str, list[str]]:
+    known = origins(ENTRY_POINT_GROUP, {**_in_files(), **_BUILT_IN})
+    for name, (origin, _) in _registered.items():
+        claims = known.setdefault(name, [])
+        if origin not in claims:
+            claims.append(origin)
+    return known
 
 
 def method_names() -> list[str]:
@@ -108,19 +116,21 @@ def method_names() -> list[str]:
 
 
 def _load_class(name: str) -> type[Method]:
-    origins = _origins()
-    if name not in origins:
-        raise UnknownNameError("method", name, sorted(origins))
+    known = _origins()
+    if name not in known:
+        raise UnknownNameError("method", name, sorted(known))
+    if len(known[name]) > 1:
+        raise DuplicateNameError("Method", name, known[name])
     if name in _registered:
         return _registered[name][1]
-    module, _, attribute = origins[name].partition(":")
+    (origin,) = known[name]
+    loaded: type[Method] = load(origin)
     try:
-        loaded: type[Method] = getattr(importlib.import_module(module), attribute)
         loaded.check_available()
-    except UnavailableMethodError:
+    except UnavailableError:
         raise
     except Exception as error:  # a plugin may raise anything; it must hide no other method
-        raise UnavailableMethodError(f"{origins[name]} failed to load: {type(error).__name__}: {error}") from error
+        raise UnavailableMethodError(f"{origin} failed to load: {type(error).__name__}: {error}") from error
     loaded.name = name
     return loaded
 
@@ -141,7 +151,7 @@ def get_method(spec: str) -> Method:
 
     Raises:
         UnknownNameError: The method or a parameter is unknown.
-        UnavailableMethodError: It is known, but cannot be used here.
+        UnavailableError: It is known, but cannot be used here, or several packages claim the name.
         ValueError: A parameter's value is malformed or out of range.
     """
     name, _, tail = spec.partition(":")
@@ -158,10 +168,11 @@ def get_method(spec: str) -> Method:
 def list_methods() -> list[Listing]:
     """All known methods, in order of name; a broken one is listed with its reason."""
     listings = []
-    for name, origin in sorted(_origins().items()):
+    for name, claims in sorted(_origins().items()):
+        origin = ", ".join(claims)
         try:
             _load_class(name)
             listings.append(Listing(name, True, "", origin))
-        except UnavailableMethodError as error:
+        except UnavailableError as error:
             listings.append(Listing(name, False, str(error), origin))
     return listings

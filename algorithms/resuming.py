@@ -1,14 +1,15 @@
-"""States that learners share: generators of the process, and a training environment with its shield."""
+"""States that learners share: optimisers, generators of the process, a training environment with its shield."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 
-from algorithms.checkpoints import State
+from algorithms.checkpoints import Array, State
 from envs.driving_env import DrivingVectorEnv
 from envs.world import Resumable
 
@@ -45,3 +46,26 @@ def restore_environment(env: DrivingVectorEnv, state: State) -> None:
     env.restore({**state.arrays, **state.growing})
     if isinstance(env.shield, Resumable):
         env.shield.restore(state.values["shield"])
+
+
+def optimizers(named: Mapping[str, torch.optim.Optimizer]) -> State:
+    """Moments and present learning rates of optimisers."""
+    arrays: dict[str, Array] = {}
+    for name, optimizer in named.items():
+        for parameter, moments in optimizer.state_dict()["state"].items():
+            for key, value in moments.items():
+                arrays[f"{name}/{parameter}/{key}"] = torch.as_tensor(value).numpy()
+    rates = {name: [float(group["lr"]) for group in optimizer.param_groups] for name, optimizer in named.items()}
+    return State(arrays, values={"rates": rates})
+
+
+def restore_optimizers(named: Mapping[str, torch.optim.Optimizer], state: State) -> None:
+    """Put optimisers, over the same parameters, where they were."""
+    for name, optimizer in named.items():
+        moments: dict[int, dict[str, torch.Tensor]] = {}
+        for path, values in state.part(name).arrays.items():
+            parameter, _, key = path.partition("/")
+            moments.setdefault(int(parameter), {})[key] = torch.from_numpy(values.copy())
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
+        for group, rate in zip(optimizer.param_groups, state.values["rates"][name], strict=True):
+            group["lr"] = rate

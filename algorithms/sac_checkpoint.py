@@ -14,7 +14,14 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 
 from algorithms.checkpoints import Array, Checkpoints, State
-from algorithms.resuming import environment, generators, restore_environment, restore_generators
+from algorithms.resuming import (
+    environment,
+    generators,
+    optimizers,
+    restore_environment,
+    restore_generators,
+    restore_optimizers,
+)
 from envs.driving_env import DrivingVectorEnv
 
 COUNTERS: Final = ("num_timesteps", "_n_updates", "_episode_num")
@@ -24,13 +31,19 @@ STOCK_BUFFER: Final = ("observations", "next_observations", "actions", "rewards"
 def capture(model: SAC, env: DrivingVectorEnv) -> State:
     """The state of a training between two roll-outs."""
     return State.joined(
-        learner=_learner(model), replay=_replay(model), environment=environment(env), generators=generators()
+        "between two roll-outs",
+        learner=_learner(model),
+        optimizers=optimizers(_optimizers(model)),
+        replay=_replay(model),
+        environment=environment(env),
+        generators=generators(),
     )
 
 
 def restore(model: SAC, env: DrivingVectorEnv, state: State) -> None:
     """Put a new learner, made with the same arguments, where the other one was."""
     _restore_learner(model, state.part("learner"))
+    restore_optimizers(_optimizers(model), state.part("optimizers"))
     _restore_replay(model, state.part("replay"))
     restore_environment(env, state.part("environment"))
     restore_generators(state.part("generators"))
@@ -68,10 +81,6 @@ def _learner(model: SAC) -> State:
     arrays: dict[str, Array] = {f"policy.{k}": _numpy(v) for k, v in model.policy.state_dict().items()}
     arrays["log_ent_coef"] = _numpy(model.log_ent_coef)
     arrays["last_obs"] = np.asarray(model._last_obs)
-    for name, optimizer in _optimizers(model).items():
-        for parameter, moments in optimizer.state_dict()["state"].items():
-            for key, value in moments.items():
-                arrays[f"optimizer.{name}.{parameter}.{key}"] = _numpy(torch.as_tensor(value))
     values: dict[str, Any] = {name: getattr(model, name) for name in COUNTERS}
     values["logged"] = {k: float(v) for k, v in model.logger.name_to_value.items() if k.startswith("train/")}
     # Actions of the warm-up come from the space's own generator.
@@ -85,13 +94,6 @@ def _restore_learner(model: SAC, state: State) -> None:
     model.policy.load_state_dict({k.removeprefix("policy."): v for k, v in tensors.items() if k.startswith("policy.")})
     with torch.no_grad():
         model.log_ent_coef.copy_(tensors["log_ent_coef"])
-    for name, optimizer in _optimizers(model).items():
-        moments: dict[int, dict[str, torch.Tensor]] = {}
-        for key, value in tensors.items():
-            if key.startswith(f"optimizer.{name}."):
-                parameter, _, moment = key.removeprefix(f"optimizer.{name}.").partition(".")
-                moments.setdefault(int(parameter), {})[moment] = value
-        optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
     model._last_obs = state.arrays["last_obs"].copy()
     for name in COUNTERS:
         setattr(model, name, state.values[name])

@@ -9,6 +9,8 @@ from typing import Final, Self
 import psutil
 from rich.console import Console, Group
 from rich.live import Live
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -135,3 +137,33 @@ def choose_display(board: Board, quiet: bool) -> Display:
     if quiet:
         return Silent(board)
     return LiveTable(board) if sys.stderr.isatty() else Lines(board)
+
+
+class Steps:
+    """A bar over a known number of steps on a terminal; nothing elsewhere, or when quiet. On standard error."""
+
+    def __init__(self, what: str, total: int, quiet: bool) -> None:
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[label]}"),
+        )
+        self._bar = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
+        self._task = self._bar.add_task(what, total=total, label="")
+        self._begun = False
+
+    def __enter__(self) -> Self:
+        """Begin to draw."""
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take the bar away."""
+        self._bar.stop()
+
+    def begin(self, label: str) -> None:
+        """The next step has begun; the one before it is done."""
+        self._bar.update(self._task, advance=1 if self._begun else 0, label=escape(label))
+        self._begun = True

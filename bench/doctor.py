@@ -51,7 +51,7 @@ class Check:
 def examine(results: Path) -> list[Check]:
     """All checks; none of them raises."""
     probes: Sequence[Callable[[], list[Check]]] = (
-        _python, _packages, _threads, _kernels, _ffmpeg, _methods, lambda: _disk(results)
+        _python, _packages, _threads, _kernels, _ffmpeg, _omnisafe, _methods, lambda: _disk(results)
     )  # fmt: skip
     found: list[Check] = []
     for probe in probes:
@@ -132,6 +132,21 @@ def _ffmpeg() -> list[Check]:
         return [Check("ffmpeg", True, False, str(imageio_ffmpeg.get_ffmpeg_version()))]
     except (ImportError, RuntimeError) as error:
         return [Check("ffmpeg", False, False, str(error), remedy)]
+
+
+def _omnisafe() -> list[Check]:
+    """Whether it is there, of the release that our adapter knows, and survives being imported."""
+    from algorithms.omnisafe_library import REMEDY, VERSION, omnisafe_module, require_omnisafe
+    from algorithms.registry import UnavailableMethodError
+
+    try:
+        require_omnisafe()
+        version = str(omnisafe_module().__version__)
+    except UnavailableMethodError as error:
+        return [Check("omnisafe", False, False, str(error).removesuffix(REMEDY).strip(), REMEDY)]
+    known = version == VERSION
+    found = f"{version}, can be imported" if known else f"{version}, but the adapter is written for {VERSION}"
+    return [Check("omnisafe", known, False, found, "" if known else REMEDY)]
 
 
 def _methods() -> list[Check]:

@@ -40,6 +40,7 @@ def evaluate(
 
     Raises:
         ValueError: The policy gave an action that is not finite or of the wrong shape.
+        MutatedObservationError: It wrote into its observations.
         RuntimeError: An episode is missing or came twice.
     """
     env = evaluation_env(policy, worlds, held_out_source(scenario, episodes), cost_signal)
@@ -64,6 +65,7 @@ def evaluation_env(
         comfort=True,
         cost_signal=cost_signal,
         source=source,
+        watched=True,
     )
 
 

@@ -7,11 +7,17 @@ from typing import Any
 
 from algorithms.registry import list_methods
 from bench.text import columns, json_text
-from envs.scenario import GYMNASIUM_IDS, Scenario, get_scenario, scenario_names
+from envs.plugins import UnavailableError
+from envs.scenario import GYMNASIUM_IDS, get_scenario, scenario_names
 
 
-def _scenario(scenario: Scenario) -> dict[str, Any]:
+def _scenario(name: str) -> dict[str, Any]:
+    try:
+        scenario = get_scenario(name)
+    except UnavailableError as error:
+        return {"name": name, "available": False, "reason": str(error)}
     return {
+        "available": True,
         "name": scenario.name,
         "id": scenario.id,
         "gymnasium_id": GYMNASIUM_IDS.get(scenario.name),
@@ -27,7 +33,7 @@ def _scenario(scenario: Scenario) -> dict[str, Any]:
 def as_json() -> str:
     """``{"methods": [...], "scenarios": [...]}``."""
     methods = [dataclasses.asdict(listing) for listing in list_methods()]
-    return json_text({"methods": methods, "scenarios": [_scenario(get_scenario(name)) for name in scenario_names()]})
+    return json_text({"methods": methods, "scenarios": [_scenario(name) for name in scenario_names()]})
 
 
 def as_text() -> str:
@@ -35,7 +41,11 @@ def as_text() -> str:
     methods = [(item.name, "yes" if item.available else "no", item.reason or item.origin) for item in list_methods()]
     scenarios = []
     for name in scenario_names():
-        s = get_scenario(name)
+        try:
+            s = get_scenario(name)
+        except UnavailableError as error:
+            scenarios.append((name, "", "", f"unavailable: {error}"))
+            continue
         traits = [f"{s.vehicles} vehicles" + (" that change lanes" if s.lane_changes else "")]
         traits += [f"pedestrians ({s.pedestrian_rule})"] if s.pedestrians else []
         traits += ["standing start"] if s.standing_start else []

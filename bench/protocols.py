@@ -12,13 +12,16 @@ from algorithms.method import Method
 from algorithms.registry import (
     PAPER_METHODS,
     REFERENCE_DRIVERS,
-    UnavailableMethodError,
     get_method,
 )
 from bench.errors import UsageError
 from bench.settings import Settings
 from bench.spec import RunSpec
+from envs.plugins import UnavailableError
 from envs.scenario import STEP_S, Scenario, UnknownNameError, get_scenario
+
+ALL: Final = "all"
+"""Stands for the six of the paper and the reference drivers; what is not installed is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +81,7 @@ class Expansion:
 
     Attributes:
         specs: The runs, in order of scenario, seed and method, so that early results compare methods.
-        unavailable: Reason by method that ``all`` names and that cannot be used here.
+        unavailable: Reason by method that was asked for and that cannot be used here.
     """
 
     specs: tuple[RunSpec, ...]
@@ -122,37 +125,30 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
-    """Methods of a comma list, or with ``all`` the paper's and the reference drivers that can be used here.
+    """Methods of a comma list, or with ``all`` the paper's and the reference drivers.
 
     Returns:
-        The methods, and with ``all`` the reasons of those that cannot be used.
+        The methods that can be used here, and the reasons of those that cannot.
 
     Raises:
-        UsageError: A name or parameter is unknown, or a method asked for by name cannot be used here.
+        UsageError: A name or parameter is unknown, or none of the methods can be used here.
     """
-    if text.strip() == "all":
-        return _all_methods()
+    names = [*PAPER_METHODS, *REFERENCE_DRIVERS] if text.strip() == ALL else split_names(text)
     methods: dict[str, Method] = {}
-    for name in split_names(text):
+    unavailable: dict[str, str] = {}
+    for name in names:
         try:
             method = get_method(name)
-        except UnavailableMethodError as error:
-            raise UsageError(f"Method {name!r} cannot be used here: {error}") from error
+        except UnavailableError as error:
+            unavailable[name] = str(error)
         except ValueError as error:
             raise UsageError(str(error)) from error
-        methods.setdefault(method.spec, method)
-    return list(methods.values()), {}
-
-
-def _all_methods() -> tuple[list[Method], dict[str, str]]:
-    unavailable: dict[str, str] = {}
-    methods: list[Method] = []
-    for name in (*PAPER_METHODS, *REFERENCE_DRIVERS):
-        try:
-            methods.append(get_method(name))
-        except UnavailableMethodError as error:
-            unavailable[name] = str(error)
-    return methods, unavailable
+        else:
+            methods.setdefault(method.spec, method)
+    if not methods:
+        reasons = "; ".join(f"{name!r}: {reason}" for name, reason in unavailable.items())
+        raise UsageError(f"No method of {text!r} can be used here: {reasons}")
+    return list(methods.values()), unavailable
 
 
 def find_scenarios(text: str, settings: Settings) -> list[Scenario]:
@@ -163,7 +159,7 @@ def find_scenarios(text: str, settings: Settings) -> list[Scenario]:
     """
     try:
         found = [get_scenario(settings.amend_scenario(name)) for name in split_names(text)]
-    except ValueError as error:
+    except (ValueError, UnavailableError) as error:
         raise UsageError(str(error)) from error
     return list({scenario.id: scenario for scenario in found}.values())
 

@@ -14,7 +14,7 @@ from bench.estimate import estimate
 from bench.executors import LocalExecutor
 from bench.leaderboard import Row, collision_text
 from bench.progress import Phase, duration
-from bench.protocols import Request, expand
+from bench.protocols import ALL, Request, expand
 from bench.records import collect
 from bench.text import columns, json_text
 
@@ -49,7 +49,9 @@ def run(request: Request, options: Options) -> int:
     finished = sweep.finish(board, options.results)
     _update_leaderboard(options.results)
     print(_as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results))
-    return 1 if finished.failed else 0
+    # With `all` an optional package may be missing; who names a method wants that method.
+    missing = expansion.unavailable and request.algo.strip() != ALL
+    return 1 if finished.failed or missing else 0
 
 
 def _update_leaderboard(results: Path) -> None:

@@ -6,9 +6,9 @@ import random
 import shutil
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -25,6 +25,10 @@ from bench.spec import RunSpec
 from bench.store import Failure, RunFolder, Store
 from bench.training_log import Clock, Report, TrainingLog
 from envs.driving_env import CostSignal
+
+GLOBAL, GLOBAL_IN_EVALUATION = "global", "global in evaluation"
+STREAMS: Final = ("train", "policy", "shield", GLOBAL, GLOBAL_IN_EVALUATION)
+"""Named seed streams of a run; the held-out list has one of its own, the same for all."""
 
 
 @dataclass(slots=True)
@@ -45,6 +49,7 @@ class _Attempt:
         self.folder.write_run(details)
         method = get_method(self.spec.method)
         self._check_version(method)
+        details["resolved"] = resolved(method, self._make_task())
         identity = run_identity(method, self.spec.hash)
         trained = self.folder.trained(identity)
         if trained is None:
@@ -64,7 +69,7 @@ class _Attempt:
             )
 
     def _make_task(self) -> Task:
-        self.task = Task(
+        task = Task(
             scenario=self.spec.resolve_scenario(),
             seed=self.spec.seed,
             budget=Budget(self.spec.steps),
@@ -74,15 +79,17 @@ class _Attempt:
             cache=self.cache,
             making=lambda what, done, total: self._reported(what, done, total, {}),
         )
-        return self.task
+        self.task = task
+        return task
 
     def _train(self, method: Method, identity: str) -> dict[str, Any]:
         """Train, write what training leaves, and return what ``run.json`` says of it."""
         self.stage = "train"
-        task, curve = self._make_task(), TrainingLog(self.spec.steps, self._reported)
+        assert self.task is not None
+        task, curve = self.task, TrainingLog(self.spec.steps, self._reported)
         task.progress = curve.progress
         task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
-        _seed_global_generators(task, "global")
+        seed_global_generators(task, GLOBAL)
         self._reported("train", 0, self.spec.steps, {})
         with curve.clock:
             policy = method.train(task)
@@ -102,8 +109,9 @@ class _Attempt:
     def _evaluate(self, method: Method) -> dict[str, float]:
         """Judge the policy that was written, so that it does not matter which process had trained it; the time."""
         self.stage = "evaluate"
-        task, n, clock = self.task or self._make_task(), self.spec.eval_episodes, Clock()
-        _seed_global_generators(task, "global in evaluation")
+        assert self.task is not None
+        task, n, clock = self.task, self.spec.eval_episodes, Clock()
+        seed_global_generators(task, GLOBAL_IN_EVALUATION)
         self._reported("evaluate", 0, n, {})
         with clock:
             policy = method.load_policy(self.folder.path / store.POLICY_FOLDER, task)
@@ -133,7 +141,18 @@ class _Attempt:
         return Failure(self.stage, step, reason, without_paths("".join(traceback.format_exception(error))))
 
 
-def _seed_global_generators(task: Task, stream: str) -> None:
+def resolved(method: Method, task: Task) -> dict[str, Any]:
+    """The specification with every default filled in, and the seed of every named stream, for ``run.json``."""
+    scenario = {key: getattr(value, "value", value) for key, value in asdict(task.scenario).items()}
+    streams = {name: f"{task.stream(name).entropy:032x}" for name in STREAMS}
+    return {
+        "scenario": {"id": task.scenario.id, **scenario},
+        "method": {"name": method.name, "version": method.version, "parameters": method.parameters},
+        "seeds": {"replicate": task.seed, "torch": task.torch_seed(), "streams": streams},
+    }
+
+
+def seed_global_generators(task: Task, stream: str) -> None:
     """Some learners draw from global generators: give each stage its own state, whatever ran before it."""
     import torch
 

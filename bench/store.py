@@ -140,7 +140,9 @@ class RunFolder:
             return
         if not (self.path / RUN_FILE).exists():
             self.write_run({})
-        content = {"stage": failure.stage, "step": failure.step, "reason": failure.reason}
+        content = {
+            "method": self.spec.method, "stage": failure.stage, "step": failure.step, "reason": failure.reason,
+        }  # fmt: skip
         self.write(FAILED_FILE, to_json({**content, "traceback": failure.traceback.splitlines()}))
 
     def clear(self, keep: Sequence[str] = ()) -> None:

@@ -60,7 +60,7 @@ class TrainingLog:
         clock: Of the training.
         scalars: (simulation steps, name, value), the same for the same specification.
         timeline: (simulation steps, seconds since the start of training, time between attempts left out).
-        resumes: Simulation steps at which the training went on after a kill.
+        resumes: Where the training went on after a kill: simulation steps, and what was complete there.
     """
 
     total: int
@@ -68,7 +68,7 @@ class TrainingLog:
     clock: Clock = field(default_factory=Clock)
     scalars: list[tuple[int, str, float]] = field(default_factory=list)
     timeline: list[tuple[int, float]] = field(default_factory=list)
-    resumes: list[int] = field(default_factory=list)
+    resumes: list[dict[str, Any]] = field(default_factory=list)
 
     def progress(self, steps: int, scalars: Mapping[str, float]) -> None:
         """The callback of `Task.progress`.
@@ -92,11 +92,11 @@ class TrainingLog:
             "seconds": self.clock.now(),
         }
 
-    def restore(self, values: dict[str, Any], steps: int) -> None:
+    def restore(self, values: dict[str, Any], steps: int, at: str) -> None:
         """Go on from a `snapshot` that was taken after so many simulation steps."""
         self.scalars[:] = [(at, name, value) for at, name, value in values["scalars"]]
         self.timeline[:] = [(at, seconds) for at, seconds in values["timeline"]]
-        self.resumes[:] = [*values["resumes"], steps]
+        self.resumes[:] = [*values["resumes"], {"steps": steps, "at": at}]
         wall, cpu = values["seconds"]
         self.clock.wall_s += wall
         self.clock.cpu_s += cpu

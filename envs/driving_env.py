@@ -21,7 +21,9 @@ from envs.reward import CostSignal
 from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, PedestrianRule, Scenario, get_scenario
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
 
-__all__ = ["ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv"]
+__all__ = [
+    "ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv", "MutatedObservationError",
+]  # fmt: skip
 
 HORIZON_MIN_S: Final = 0.5
 HORIZON_MAX_S: Final = 4.0
@@ -33,6 +35,10 @@ SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], N
 
 class BudgetExceededError(RuntimeError):
     """More decisions were asked for than the environment was made for."""
+
+
+class MutatedObservationError(RuntimeError):
+    """Who got the observations wrote into them."""
 
 
 class ActionMode(enum.Enum):
@@ -81,6 +87,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         decision_limit: Steps of this environment allowed in all, or None.
         threads: Threads for the worlds; results do not depend on it.
         autoreset: False leaves finished worlds ended until `reset` (mode DISABLED).
+        watched: Refuse to go on once somebody has written into the observations of the last step.
 
     Attributes:
         on_substep: Called after every 0.1 s step with the worlds, the proposed targets (N,) [m] and
@@ -106,6 +113,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         decision_limit: int | None = None,
         threads: int = 1,
         autoreset: bool = True,
+        watched: bool = False,
     ) -> None:
         """Allocate the worlds; the first episodes begin with `reset`."""
         if num_envs < 1 or threads < 1:
@@ -136,6 +144,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._advance_worlds = engine.advance if threads == 1 else engine.advance_parallel
         self._observe_worlds = batch.observe if threads == 1 else batch.observe_parallel
         self._autoreset = autoreset
+        self._watched = watched
+        self._given: npt.NDArray[np.float32] | None = None
         self._next_episode = 0
         self._chunk: tuple[int, World] | None = None
         self._finished: list[Records] = []
@@ -220,7 +230,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self.active[:] = False
         self._begin_episodes(self._all)
         self._observe(self._all)
-        return self._observations.copy(), {}
+        return self._give(), {}
 
     def step(
         self, actions: npt.NDArray[Any]
@@ -233,7 +243,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         Raises:
             ValueError: Wrong shape, or a value that is not finite, from the policy or the shield.
             BudgetExceededError: The decision limit is used up.
+            MutatedObservationError: The environment is watched, and its last observations were written into.
         """
+        if self._given is not None and not np.array_equal(self._given, self._observations):
+            raise MutatedObservationError("The observations of the last step were written into: copy them first.")
         if self._threads > 1:
             numba.set_num_threads(self._threads)
         self._interpret(actions)
@@ -255,7 +268,14 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         if ended:
             done = terminated | truncated
             info |= {"final_obs": self._observations.copy(), "_final_obs": done, "finished": self._finish(done)}
-        return self._observations.copy(), reward, terminated, truncated, info
+        return self._give(), reward, terminated, truncated, info
+
+    def _give(self) -> npt.NDArray[np.float32]:
+        """A copy of the observations, kept in sight where the environment is watched."""
+        given = self._observations.copy()
+        if self._watched:
+            self._given = given
+        return given
 
     def _interpret(self, actions: npt.NDArray[Any]) -> None:
         """Check actions and keep what they ask for."""

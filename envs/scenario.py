@@ -8,6 +8,9 @@ import enum
 from dataclasses import dataclass
 from typing import Final
 
+from envs.plugins import DuplicateNameError, UnavailableError, load, origins
+
+ENTRY_POINT_GROUP: Final = "bench.scenarios"
 STEP_S: Final = 0.1
 """Simulation step [s] (paper, appendix)."""
 LANE_WIDTH_M: Final = 3.5
@@ -128,13 +131,32 @@ GYMNASIUM_IDS: Final[dict[str, str]] = {
 _PARAMETERS: Final = {f.name: f.type for f in dataclasses.fields(Scenario) if f.name not in ("name", "version")}
 
 
+def _origins() -> dict[str, list[str]]:
+    return origins(ENTRY_POINT_GROUP, dict.fromkeys(_BUILT_IN, "envs.scenario"))
+
+
 def scenario_names() -> list[str]:
-    """Names of the built-in scenarios."""
-    return list(_BUILT_IN)
+    """Names of all known scenarios, built-in ones first; one of a broken package is among them."""
+    return list(_origins())
+
+
+def _load(base: str) -> Scenario:
+    known = _origins()
+    if base not in known:
+        raise UnknownNameError("scenario", base, list(known))
+    if len(known[base]) > 1:
+        raise DuplicateNameError("Scenario", base, known[base])
+    if base in _BUILT_IN:
+        return _BUILT_IN[base]
+    (origin,) = known[base]
+    loaded = load(origin)
+    if not isinstance(loaded, Scenario) or loaded.name != base:
+        raise UnavailableError(f"{origin} is {loaded!r}: must be a Scenario whose name is {base!r}.")
+    return loaded
 
 
 def register_scenario(scenario: Scenario) -> None:
-    """Make a scenario known by name.
+    """Make a scenario known by name, in this process; an entry point makes it known in every process.
 
     Raises:
         ValueError: Another scenario has that name.
@@ -161,11 +183,11 @@ def get_scenario(name: str) -> Scenario:
 
     Raises:
         UnknownNameError: The scenario or a parameter is unknown.
+        UnavailableError: Its package is broken, or several packages claim the name.
         ValueError: A parameter's value is malformed or out of range.
     """
     base, _, tail = name.partition(":")
-    if base not in _BUILT_IN:
-        raise UnknownNameError("scenario", base, list(_BUILT_IN))
+    scenario = _load(base)
     changes: dict[str, bool | int | float | PedestrianRule] = {}
     for item in filter(None, tail.split(",")):
         key, equals, text = item.partition("=")
@@ -174,7 +196,6 @@ def get_scenario(name: str) -> Scenario:
         if not equals:
             raise ValueError(f"Scenario parameter {item!r}: expected KEY=VALUE.")
         changes[key] = _parse_value(key, text)
-    scenario = _BUILT_IN[base]
     changes = {key: value for key, value in sorted(changes.items()) if getattr(scenario, key) != value}
     if not changes:
         return scenario

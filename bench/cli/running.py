@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -38,6 +39,25 @@ def run(
     options = run_command.Options(results, workers, retry_failed, quiet, as_json)
     code = run_command.dry_run(request, options) if dry_run else run_command.run(request, options)
     raise typer.Exit(code)
+
+
+@app.command()
+@reports_errors
+def rerun(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a finished run, or its name.")],
+    results: Results = RESULTS,
+    as_json: AsJson = False,
+) -> None:
+    """Repeat a finished run and compare the bytes of its record; exit code 1 where they differ."""
+    from bench import rerun as again
+    from bench.text import json_text
+
+    record = again.find(run, results)
+    for note in again.other_code(record):
+        print(f"bench: {note}.", file=sys.stderr)
+    found = again.repeat(record, results, quiet=as_json)
+    show(json_text(again.as_values(found)) if as_json else again.as_text(record, found))
+    raise typer.Exit(1 if found else 0)
 
 
 @train_app.command("driving-agent")

@@ -43,3 +43,21 @@ def replay(
     show(json_text(command.as_values(shown)) if as_json else command.as_text(shown))
     if written is not None and not as_json:
         show(written)
+
+
+@app.command()
+@reports_errors
+def report(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where index.html goes; made if missing.")],
+    results: Results = RESULTS,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the result.")] = False,
+) -> None:
+    """Write one self-contained page with every figure, chart and replay: DIR/index.html."""
+    from bench.display import Steps
+    from bench.records import collect
+    from bench.report import page
+
+    collection = collect(results)
+    with Steps("replays", len(collection.records), quiet) as steps:
+        path = page.write(collection, out, results / "cache", steps.begin)
+    show(f"{path}: {path.stat().st_size / 1e6:.1f} MB, {len(collection.records)} runs")

@@ -105,7 +105,7 @@ def as_text(shown: Sequence[Replay]) -> str:
     blocks = []
     for values in as_values(shown):
         exact = values.pop("exact")
-        checked = "to the bit" if exact else "to rounding: this processor rounds otherwise than the record's"
+        checked = "every figure the same" if exact else "to rounding: this processor's is not the record's"
         lines = [f"{values.pop('title')}", f"  {'replayed':22} {checked}"]
         lines += [f"  {name:22} {'none' if value is None else value}" for name, value in values.items()]
         blocks.append("\n".join(lines))

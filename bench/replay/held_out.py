@@ -25,6 +25,8 @@ UNCHECKED: Final = ("world", "end_step")
 """Columns that say where and when an episode ran, not what happened in it."""
 ROUNDING: Final = 1e-4
 """Relative and absolute difference of a figure that another processor's rounding may explain."""
+NOTHING: Final = 1e-12
+"""Absolute difference below which two figures are the same: a lateral error of 1e-20 m is none."""
 
 
 class ReplayDiffersError(BenchError):
@@ -39,7 +41,7 @@ class Replay:
         title: Who drove, for people.
         trace: Every 0.1 s of it.
         guard: What the guard knew, or None without a guard that can say so.
-        exact: Whether every recorded figure came out to the bit; else all agree but for rounding.
+        exact: Whether every recorded figure came out the same; else all agree but for rounding.
     """
 
     title: str
@@ -148,14 +150,14 @@ def differences(trace: EpisodeTrace, recorded: pa.Table, tolerance: float = 0.0)
     Args:
         trace: A held-out episode.
         recorded: Held-out episodes, in order of number.
-        tolerance: Relative and absolute, of figures that are no counts.
+        tolerance: Relative and absolute, of figures that are no counts; at least `NOTHING`.
     """
     own = schema.episodes_table(trace.episode[-1:])
     differing = []
     for name in own.column_names:
         was, now = schema.column(recorded, name)[trace.number], schema.column(own, name)[0]
         allowed = tolerance if np.issubdtype(was.dtype, np.floating) else 0.0
-        if name not in UNCHECKED and not np.isclose(now, was, rtol=allowed, atol=allowed, equal_nan=True):
+        if name not in UNCHECKED and not np.isclose(now, was, rtol=allowed, atol=max(allowed, NOTHING), equal_nan=True):
             differing.append(f"{name}: {was}, now {now}")
     return differing
 

@@ -95,7 +95,7 @@ def figures(trace: EpisodeTrace) -> dict[str, Any]:
 
 def _guard(guard: GuardView, shown: npt.NDArray[np.int64]) -> dict[str, Any]:
     """Guard's series: T_c and limits in hundredths, RQ and importance in percent, of the bodies that are drawn."""
-    content = {
+    content: dict[str, Any] = {
         "tc": _series(guard.tc_s, CENTI),
         "ahead": _series(np.clip(guard.limit_ahead_mps2, -LIMIT_MPS2, LIMIT_MPS2), CENTI),
     }
@@ -111,10 +111,11 @@ def _guard(guard: GuardView, shown: npt.NDArray[np.int64]) -> dict[str, Any]:
 def _series(values: npt.NDArray[Any], scale: float = 1.0) -> list[int]:
     """Rounded values as second differences: small numbers, which compress well."""
     whole = np.rint(np.asarray(values, np.float64) * scale).astype(np.int64)
-    return np.diff(whole, n=2, prepend=[0, 0]).tolist()
+    differences: list[int] = np.diff(whole, n=2, prepend=[0, 0]).tolist()
+    return differences
 
 
-def compressed(replays: Sequence[Replay]) -> str:
+def packed_text(replays: Sequence[Replay]) -> str:
     """Replays that are shown together, as base64 of deflated JSON; the same replays give the same text."""
     text = json.dumps([packed(replay) for replay in replays], separators=(",", ":"), allow_nan=False)
     return base64.b64encode(zlib.compress(text.encode(), 9)).decode()

@@ -14,7 +14,8 @@ from algorithms.dd_rq import RiskGuard
 from algorithms.safety_guard import SafetyGuard
 from envs.world import BoolArray, Ending, FloatArray, Shield, World
 
-FIRST_COLUMNS: Final = ("tc_s", "risk_percent", "share", "limit_ahead_mps2", "limit_behind_mps2")
+IMPORTANCE_AT: Final = 5
+"""Numbers of a step before those of each body: T_c, RQ, share, a_pre, a_follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +63,9 @@ class ShieldWatch:
         answer = self._guard.filter(world, targets, accelerations)
         for number, row in self._seats.items():
             episode = world.episode[row]
-            if episode["episode"] == number and episode["ending"] == Ending.RUNNING:
-                if episode["steps"] == len(self._steps[number]):
-                    self._steps[number].append(self._known(world, row))
+            steps = self._steps[number]
+            if episode["episode"] == number and episode["ending"] == Ending.RUNNING and episode["steps"] == len(steps):
+                steps.append(self._known(world, row))
         return answer
 
     def _known(self, world: World, row: int) -> FloatArray:
@@ -76,7 +77,8 @@ class ShieldWatch:
     def view(self, number: int) -> GuardView:
         """What the guard knew in a wanted episode."""
         columns = np.array(self._steps[number]).T
-        return GuardView(*columns[: len(FIRST_COLUMNS)], importance=columns[len(FIRST_COLUMNS) :].T)
+        tc_s, risk_percent, share, ahead, behind = columns[:IMPORTANCE_AT]
+        return GuardView(tc_s, risk_percent, share, ahead, behind, columns[IMPORTANCE_AT:].T)
 
 
 def watch(shield: Shield | None, seats: Mapping[int, int]) -> ShieldWatch | None:

@@ -40,8 +40,8 @@ class Curve:
     def snapshot(self):
         return {"value": self.value}
 
-    def restore(self, values, steps):
-        self.value, self.resumed = values["value"], steps
+    def restore(self, values, steps, at):
+        self.value, self.resumed = values["value"], (steps, at)
 
 
 def assert_is(found, step):
@@ -67,7 +67,7 @@ def test_the_newest_state_comes_back_with_its_host(tmp_path):
     FileCheckpoints(tmp_path, "same", Curve(1.5)).save(4, state(4))
     curve = Curve(0.0)
     assert_is(FileCheckpoints(tmp_path, "same", curve).load(), 4)
-    assert (curve.value, curve.resumed) == (1.5, 4)
+    assert (curve.value, curve.resumed) == (1.5, (4, "at rest"))
 
 
 def test_the_last_two_states_are_kept_and_every_row_is_written_once(tmp_path):
@@ -198,7 +198,7 @@ def test_no_checkpoints_keep_nothing():
 
 
 def test_parts_of_a_joined_state_come_apart_again():
-    joined = State.joined(a=state(2), ab=state(3))
+    joined = State.joined("", a=state(2), ab=state(3))
     assert_is(joined.part("a"), 2)
     assert_is(joined.part("ab"), 3)
 

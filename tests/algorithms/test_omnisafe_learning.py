@@ -64,7 +64,7 @@ def test_the_constrained_optimum_is_reached(algorithm, cost_limit, multiplier, b
     changes = {
         "noise_first": "0.25", "noise_last": "0.25", "fisher_decisions": "500", "iterations": "3", "batch": "500",
         "multiplier": multiplier, "multiplier_learning_rate": "0.01", "multiplier_max": "100",
-        "actor_learning_rate": "0.001", "kl_limit": "0.01",
+        "actor_learning_rate": "0.001", "kl_limit": "0.01", "temperature": "1.5",
     }  # fmt: skip
     chosen = toy_configuration(algorithm, Schedule(20, 40, 50, 0), cost_limit, **changes)
     network = train_actor(algorithm, Push(20, terminates=True), chosen)

@@ -14,8 +14,11 @@ from algorithms.omnisafe_library import algorithm_defaults
 from algorithms.omnisafe_methods import ALGORITHMS, longest_episode
 from algorithms.omnisafe_settings import OmniSafeSettings, Schedule, configuration, plan, settings_of
 from algorithms.registry import get_method
+from bench import runner
+from bench.protocols import PROTOCOLS, Request, expand
 from envs.observation import OBSERVATION_SIZE
 from envs.scenario import UnknownNameError, get_scenario
+from envs.world import Ending
 
 needs_omnisafe = pytest.mark.skipif(
     importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
@@ -116,9 +119,9 @@ def test_a_saved_policy_acts_as_before(spec, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", sorted(set(ALGORITHMS) - {"CPO", "FOCOPS", "TRPOLag"}))
 def test_every_other_on_policy_algorithm_runs(algorithm):
-    task = Task(get_scenario("b"), 0, Budget(2000))
+    task = Task(get_scenario("b"), 0, Budget(PROTOCOLS["smoke"].steps))
     policy = get_method(f"omnisafe:algo={algorithm}").train(task)
-    assert task.steps_done() == 2000
+    assert task.steps_done() == PROTOCOLS["smoke"].steps
     assert np.isfinite(policy.act(np.zeros((3, OBSERVATION_SIZE), np.float32))).all()
 
 
@@ -166,6 +169,37 @@ def test_what_users_trip_over_is_set(algorithm):
     assert chosen["model_cfgs"]["critic"]["hidden_sizes"] == [256] * 3
     sections = [section for section in chosen.values() if isinstance(section, dict)]
     assert None not in [value for section in sections for value in section.values()]
+
+
+@needs_omnisafe
+@pytest.mark.parametrize(("method", "section"), [("cpo", "algo_cfgs"), ("focops", "lagrange_cfgs")])
+@pytest.mark.parametrize(("signal", "most"), [("collision", 1.0), ("proximity", math.inf), ("ttc", math.inf)])
+def test_a_run_trains_and_is_judged_under_the_cost_contract_it_was_given(
+    monkeypatch, tmp_path, method, section, signal, most
+):
+    """From ``bench run --set cost.limit=0.01 --set cost.signal=...`` to what OmniSafe gets."""
+    given = {}
+
+    def full_throttle(algorithm, vector, chosen, *_):
+        vector.reset()
+        throttle = np.tile([0.0, 2.0], (vector.num_envs, 1))
+        costs = [vector.step(throttle)[4]["cost"] for _ in range(vector.decision_limit)]
+        given.update(limit=chosen[section]["cost_limit"], cost=np.sum(costs), largest=np.max(costs))
+        return torch.nn.Sequential(torch.nn.Linear(OBSERVATION_SIZE, 2))
+
+    monkeypatch.setattr("algorithms.omnisafe_methods.train_actor", full_throttle)
+    monkeypatch.setattr("algorithms.omnisafe_methods.ACTOR_LAYERS", ())
+    settings = ["cost.limit=0.01", f"cost.signal={signal}"]
+    [spec] = expand(Request(method, "a", "smoke", settings=settings, eval_episodes=20)).specs
+    record = runner.run(spec, tmp_path)
+    trained = record.train_episodes().to_pandas()
+    assert given["limit"] == 0.01
+    assert 1.0 <= given["largest"] <= most
+    assert trained["cost"].sum() <= given["cost"]
+    crashes = int((trained["ending"] == Ending.COLLISION).sum())
+    assert crashes > 0
+    assert (given["cost"] == crashes) == (signal == "collision")
+    assert {"cost_limit": 0.01, "cost_signal": signal}.items() <= record.spec.model_dump().items()
 
 
 def test_settings_are_parsed_by_type_and_checked():

@@ -1,6 +1,7 @@
 """The faster loops give OmniSafe's numbers, bit for bit."""
 
 import importlib.util
+from types import SimpleNamespace
 
 import gymnasium
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from torch.utils.data import DataLoader, TensorDataset
 
 from algorithms.omnisafe_library import omnisafe_module, process_state_kept
-from algorithms.omnisafe_speed import ShuffledBatches, discounted_sums, fast_loops, joined_storage
+from algorithms.omnisafe_speed import ShuffledBatches, discounted_sums, fast_loops, joined_storage, lean_step
 
 needs_omnisafe = pytest.mark.skipif(
     importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
@@ -67,6 +68,28 @@ def test_joined_storage_holds_and_gives_what_omnisafes_buffer_does():
         theirs, ours = (buffer.get() for buffer in buffers)
         assert theirs.keys() == ours.keys()
         assert all(torch.equal(theirs[key], ours[key]) for key in theirs)
+
+
+@needs_omnisafe
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("deterministic", [False, True])
+@pytest.mark.parametrize("shape", [(5, 3), (3,)], ids=["worlds", "one"])
+def test_a_lean_step_is_omnisafes(activation, deterministic, shape):
+    network = SimpleNamespace(hidden_sizes=[8, 8], activation=activation, lr=1e-3)
+    settings = SimpleNamespace(
+        weight_initialization_mode="kaiming_uniform", actor_type="gaussian_learning", linear_lr_decay=True,
+        actor=network, critic=network,
+    )  # fmt: skip
+    box = gymnasium.spaces.Box(-1.0, 1.0, (3,))
+    agent = omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic(box, box, settings, 1)
+    observations = torch.randn(shape)
+    kept = observations.clone()
+    torch.manual_seed(1)
+    theirs = agent.step(observations, deterministic)
+    torch.manual_seed(1)
+    ours = lean_step(agent, observations, deterministic)
+    assert all(torch.equal(a, b) for a, b in zip(ours, theirs, strict=True))
+    assert torch.equal(observations, kept)
 
 
 @needs_omnisafe

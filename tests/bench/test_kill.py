@@ -1,5 +1,6 @@
 """A run that is killed, whenever, goes on to the same bytes as one that is not."""
 
+import importlib.util
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,10 @@ from tests.bench.killing import Killing, differences, leftovers
 
 Make = Callable[..., RunSpec]
 KILLS = 20
-SAC_STEPS = 4_000
-"""A second or two of training, in ten parts."""
+STEPS = 4_000
+"""A second or two of training, in ten parts for SAC, in four epochs on policy."""
+EPOCHS = {"epoch_decisions": "200", "least_epochs": "4"}
+needs_omnisafe = pytest.mark.skipif(importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed")
 
 
 def test_a_kill_in_the_middle_of_sac_leaves_no_trace_in_its_record(tmp_path: Path, make_spec: Make) -> None:
@@ -27,20 +30,26 @@ def test_a_kill_in_the_middle_of_sac_leaves_no_trace_in_its_record(tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("method", "steps", "every"),
-    [("sac", SAC_STEPS, 400), ("dd-rq", SAC_STEPS, 400), ("dd-rq:rq=shuffled", SAC_STEPS, 400)],
+    ("method", "at", "settings"),
+    [
+        ("sac", "between two roll-outs", {}),
+        ("dd-rq", "between two roll-outs", {}),
+        ("dd-rq:rq=shuffled", "between two roll-outs", {}),
+        pytest.param("trpo-lag", "at the end of an epoch", EPOCHS, marks=needs_omnisafe),
+    ],
 )
 def test_twenty_kills_at_random_moments_leave_no_trace_in_the_records(
-    tmp_path: Path, make_spec: Make, method: str, steps: int, every: int
+    tmp_path: Path, make_spec: Make, method: str, at: str, settings: dict[str, str]
 ) -> None:
     def share_artefacts(results: Path) -> None:
         if (tmp_path / "whole" / "cache").exists() and not (results / "cache").exists():
             shutil.copytree(tmp_path / "whole" / "cache", results / "cache")
 
-    spec = make_spec(method=method, method_version=get_method(method).version, steps=steps, eval_episodes=8)
-    killing = Killing(spec, every, share_artefacts)
+    version = get_method(method).version
+    spec = make_spec(method=method, method_version=version, steps=STEPS, eval_episodes=8, settings=settings)
+    killing = Killing(spec, 400, share_artefacts)
     whole, seconds = killing.whole(tmp_path / "whole")
     records = killing.killed(tmp_path / "killed", KILLS, seconds, seed=1)
     assert all(differences(record, whole) == [] for record in records)
     assert all(leftovers(record) == [] for record in records)
-    assert any(record.details["resumes"] for record in records), "no kill fell between two checkpoints"
+    assert {resume["at"] for record in records for resume in record.details["resumes"]} == {at}

@@ -10,12 +10,13 @@ import pytest
 from algorithms.risk_model import adjustment_time
 from algorithms.safety_guard import SafetyGuard
 from bench.errors import RecordError, UsageError
-from bench.evaluate import WORLDS
+from bench.evaluate import WORLDS, evaluate
 from bench.records import read_record
 from bench.replay import command
 from bench.replay.choice import choose_episode, find_record
 from bench.replay.held_out import ReplayDiffersError, replay
-from envs.world import Ending
+from envs.scenario import get_scenario
+from envs.world import EPISODE, Ending
 from tests.bench.policy_records import network_policy, reference_policy, risk_policy, write_record
 
 MORE_THAN_WORLDS = WORLDS + 30
@@ -33,8 +34,12 @@ MORE_THAN_WORLDS = WORLDS + 30
 )
 def test_episodes_of_an_evaluation_come_out_to_the_bit(method: str, policy: object, tmp_path: Path) -> None:
     record = read_record(write_record(tmp_path, method, policy(), episodes=MORE_THAN_WORLDS))
+    evaluated = evaluate(policy(), get_scenario("a"), MORE_THAN_WORLDS)
     numbers = [MORE_THAN_WORLDS - 1, 3]
     shown = replay(record, numbers)
+    for one, number in zip(shown, numbers, strict=True):
+        for name in set(EPISODE.names) - {"world", "end_step"}:
+            assert one.trace.episode[-1][name] == evaluated[number][name], name
     assert [one.trace.number for one in shown] == numbers
     assert all(one.exact for one in shown)
     assert (shown[0].guard is None) == (method == "sac")
@@ -72,7 +77,7 @@ def test_a_difference_of_rounding_is_shown_and_marked(tmp_path: Path) -> None:
     plain = read_record(write_record(tmp_path / "plain", "constant-speed", policy))
     distance = float(plain.eval_episodes().column("distance")[4].as_py())
     record = read_record(
-        write_record(tmp_path / "other", "constant-speed", policy, change={(4, "distance"): distance * (1 + 1e-6)})
+        write_record(tmp_path / "other", "constant-speed", policy, change={(4, "distance"): distance * (1 + 5e-5)})
     )
     first, other = replay(record, [3, 4])
     assert (first.exact, other.exact) == (True, False)
@@ -150,4 +155,4 @@ def test_a_summary_gives_the_recorded_figures(tmp_path: Path) -> None:
     assert values["ending"] == Ending(row["ending"]).name.lower().replace("_", "-")
     assert values["distance_m"] == pytest.approx(row["distance"], abs=0.05)
     assert json.loads(json.dumps(values)) == values
-    assert "to the bit" in command.as_text(command.replays(path.name, "5", None, tmp_path))
+    assert "every figure the same" in command.as_text(command.replays(path.name, "5", None, tmp_path))

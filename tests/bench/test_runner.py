@@ -128,7 +128,7 @@ def test_another_seed_trains_on_other_episodes_and_is_judged_on_the_same(
 def test_sac_gives_the_same_bytes_twice(tmp_path: Path, make_spec: Make) -> None:
     spec = make_spec(method="sac", method_version=get_method("sac").version, steps=1_600, eval_episodes=8)
     # Taking a checkpoint changes nothing.
-    first, second = run(spec, tmp_path / "1"), run(spec, tmp_path / "2", checkpoint_every=Interval(0.0))
+    first, second = run(spec, tmp_path / "1"), run(spec, tmp_path / "2", checkpoint_every=Interval(1e9, 400))
     assert first.seals.keys() == second.seals.keys()
     same = {name for name in first.seals if first.seals[name] == second.seals[name]}
     assert set(first.seals) - same == {store.RUN_FILE}
@@ -153,7 +153,7 @@ def test_a_driver_that_does_not_train_has_no_t_stage(fakes: Path, tmp_path: Path
         ("fake-failing", r"step 240 \(train\): RuntimeError: the learner tripped"),
         ("fake-diverging", r"step 140 \(train\): loss is nan at simulation step 140"),
         ("fake-greedy", r"step 2000 \(train\): BudgetExceededError: The budget of 100 decisions"),
-        ("broken", r"step 0 \(setup\): UnavailableMethodError"),
+        ("broken", r"step 0 \(setup\): UnavailableError"),
     ],
 )
 def test_a_failure_names_stage_step_and_reason(

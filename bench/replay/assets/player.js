@@ -290,7 +290,7 @@ const Replays = (() => {
         `${figures.interventions} of ${episode.steps} steps flagged by the guard`;
       this.root = element("section", { class: "play-lane" },
         element("h4", { class: "play-title" }, `${episode.title}, episode ${episode.episode}`),
-        element("p", { class: "play-note" }, summary + (episode.exact ? "; replayed to the bit." : "; replayed to rounding (another processor).")),
+        element("p", { class: "play-note" }, summary + (episode.exact ? "; replayed exactly." : "; replayed to rounding (another processor).")),
         this.scene, this.facts, this.chart, legend(episode));
     }
 

@@ -1,0 +1,1 @@
+"""``bench report``: one self-contained page with every figure, drawn from records alone."""
