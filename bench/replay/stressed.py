@@ -13,7 +13,8 @@ from algorithms.safety_guard import SafetyGuard
 from bench.errors import UsageError
 from bench.replay.held_out import Replay
 from bench.replay.shield_watch import ShieldWatch
-from bench.stress import DD_RQ, RANDOM, replay_stress
+from bench.stress import RANDOM, replay_stress
+from bench.stress_result import DD_RQ
 from envs.scenario import Scenario, UnknownNameError, get_scenario
 
 PREFIX: Final = "stress:"
