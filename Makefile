@@ -57,6 +57,7 @@ tables: $(STAMP) ## Draw tables, leaderboard, claims and plots again from the co
 	$(BIN)/bench tables
 	$(BIN)/bench leaderboard
 	$(BIN)/bench claims
+	$(BIN)/python -m paper_tables.readme
 
 clean: ## Remove .venv, caches and build leftovers; records stay.
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage .coverage.* build dist site *.egg-info
