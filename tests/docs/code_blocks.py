@@ -1,6 +1,7 @@
 """The code blocks of the documentation, and a folder that looks like a clone in which they run.
 
-A block runs unless the line before it is ``<!-- not executed: WHY -->``; after ``<!-- slow -->`` only in the slow suite.
+A block runs unless the line before it is ``<!-- not executed: WHY -->``; after ``<!-- slow -->`` only in the slow
+suite.
 Budgets are cut (`cheaper`), and ``make TARGET`` only has to be a target that exists: CI itself runs them.
 """
 
@@ -84,7 +85,7 @@ def clone(folder: Path) -> dict[str, str]:
     (folder / "examples").symlink_to(ROOT / "examples")
     programs = _virtual_environment(folder / ".venv")
     _script(programs / "bench", f'exec "{programs}/python" -m bench "$@"')
-    _script(programs / "make", f'[ -z "${{1:-}}" ] || exec /usr/bin/env -u MAKEFLAGS make -C "{ROOT}" -n "$1" >/dev/null')
+    _script(programs / "make", f'exec "{shutil.which("make")}" -C "{ROOT}" -n "$@" >/dev/null')
     return {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
 
 

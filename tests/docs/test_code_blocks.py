@@ -50,7 +50,8 @@ def _parses(words: list[str]) -> None:
     """Parse a command line as `bench` does, without running it."""
     command, name = typer.main.get_command(app), "bench"
     while hasattr(command, "commands"):
-        assert words[:1] and words[0] in command.commands, f"{name} has no command {words[:1]}"
+        assert words, f"{name} needs a command"
+        assert words[0] in command.commands, f"{name} has no command {words[0]}"
         name, command, words = f"{name} {words[0]}", command.commands[words[0]], words[1:]
     command.make_context(name, list(words))
 
@@ -82,8 +83,10 @@ def test_all_blocks_of_a_page_run_in_order(page: str, tmp_path: Path, monkeypatc
 
 
 def test_a_fence_is_left_out_only_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "```bash\na\n```\n<!-- not executed: takes a day -->\n```bash\nb\n```\n```\nc\n```\n<!-- not executed: -->\n\n"
-    (tmp_path / "page.md").write_text(text + "```python\nd\n```\n```text\ne\n```\n<!-- slow -->\n```python\nf\n```\n")
+    text = "```bash\na\n```\n<!-- not executed: takes a day -->\n```bash\nb\n```\n```\nc\n```\n"
+    (tmp_path / "page.md").write_text(
+        text + "<!-- not executed: -->\n\n```python\nd\n```\n```text\ne\n```\n<!-- slow -->\n```python\nf\n```\n"
+    )
     monkeypatch.setattr("tests.docs.code_blocks.ROOT", tmp_path)
     found = blocks("page.md")
     assert [(block.language, block.text, block.slow) for block in found] == [
