@@ -13,7 +13,8 @@ from algorithms.safety_guard import SafetyGuard
 from bench.errors import UsageError
 from bench.replay.held_out import Replay
 from bench.replay.shield_watch import ShieldWatch
-from bench.stress import DD_RQ, RANDOM, replay_stress
+from bench.stress import RANDOM, replay_stress
+from bench.stress_result import DD_RQ
 from envs.scenario import Scenario, UnknownNameError, get_scenario
 
 PREFIX: Final = "stress:"
@@ -53,10 +54,10 @@ def parse_name(text: str) -> StressName:
     values = {key: value for key, _, value in (part.partition("=") for part in own)}
     try:
         scenario = get_scenario(":".join(part for part in parts if part not in own))
-        if values.get("tc", DD_RQ) != DD_RQ:
-            float(values["tc"])
         if not all(values.values()):
             raise ValueError("A key has no value.")
+        if values.get("tc", DD_RQ) != DD_RQ:
+            float(values["tc"])
         numbers = {key: int(values.pop(key)) for key in ("seed", "agent_steps") if key in values}
     except (ValueError, UnknownNameError) as error:
         raise UsageError(f"{text}: {error} Expected a name such as {EXAMPLE}.") from error
