@@ -48,7 +48,7 @@ def judge(rollouts: Rollouts, method: str) -> dict[str, Any]:
     """Figures of one method's RQ."""
     step = -(-len(rollouts.episodes) // THINNED)
     risk, contact = rollouts.risk(method), rollouts.contact.astype(float)
-    thin = {"groups": rollouts.episodes[::step], "resamples": RESAMPLES}
+    thin: dict[str, Any] = {"groups": rollouts.episodes[::step], "resamples": RESAMPLES}
     rng = np.random.default_rng(SEED)
     curve = calibration(rollouts, method)
     return {
