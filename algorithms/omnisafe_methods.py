@@ -107,6 +107,7 @@ class FOCOPS(OnPolicyMethod):
 class TRPOLag(OnPolicyMethod):
     """Trust-region policy optimization with a Lagrange multiplier (Ray et al. 2019)."""
 
+    version = 3
     algorithm = "TRPOLag"
 
 

@@ -90,6 +90,7 @@ class OmniSafeSettings:
 
 SETTING_NAMES: Final = tuple(item.name for item in fields(OmniSafeSettings))
 
+# TRPO-Lag's multiplier starts high: once every policy near the present one crashes, it does not find the way back.
 _TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
     {
         "FOCOPS": OmniSafeSettings(
@@ -100,13 +101,7 @@ _TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
             multiplier_learning_rate=1.0,
             multiplier_max=100.0,
         ),
-        "TRPOLag": OmniSafeSettings(
-            kl_limit=0.03,
-            fisher_decisions=500,
-            fisher_damping=0.01,
-            multiplier=5.0,
-            multiplier_learning_rate=0.2,
-        ),
+        "TRPOLag": OmniSafeSettings(kl_limit=0.03, multiplier=100.0, multiplier_learning_rate=5.0),
     }
 )
 

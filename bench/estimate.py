@@ -1,21 +1,25 @@
-"""How long runs will take: from the rates of finished records, or from stated defaults."""
+"""How long runs will take: from the processor time of finished records, or from stated defaults."""
 
 from __future__ import annotations
 
+import heapq
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
+from bench.provenance import cpu_model
 from bench.records import Record
 from bench.spec import RunSpec
 
-DEFAULT_TRAIN_RATE: Final = 1_500.0
+DEFAULT_TRAIN_RATE: Final = 3_000.0
 """Simulation steps per second of SAC (an update for every 4 decisions of 0.5 s) on one core."""
-DEFAULT_EVAL_RATE: Final = 250.0
+DEFAULT_EVAL_RATE: Final = 500.0
 """Held-out episodes per second on one core."""
 START_S: Final = 4.0
 """Imports of a worker [s]."""
+
+Key = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,34 +37,89 @@ class Estimate:
     basis: str
 
 
-def _median_rates(records: Iterable[Record]) -> dict[tuple[str, str], float]:
-    """Median rate by (stage, method name) over finished records."""
-    rates: dict[tuple[str, str], list[float]] = {}
-    for record in records:
-        name = record.spec.method.partition(":")[0]
-        timing = record.details.get("timing", {})
-        for stage, amount in (("train", record.spec.steps), ("evaluate", record.spec.eval_episodes)):
-            seconds = timing.get(stage, {}).get("wall_s", 0.0)
-            if amount and seconds > 0.0:
-                rates.setdefault((stage, name), []).append(amount / seconds)
-    return {key: statistics.median(values) for key, values in rates.items()}
+@dataclass(slots=True)
+class _Rates:
+    """What finished records say, by (method, scenario) and, for scenarios not seen yet, by (method,).
+
+    Attributes:
+        train: Simulation steps per second once training goes.
+        evaluate: Held-out episodes per second.
+        setup: Seconds before training goes, for what is trained once and shared (a driving agent, a risk model).
+    """
+
+    train: dict[Key, list[float]] = field(default_factory=dict)
+    evaluate: dict[Key, list[float]] = field(default_factory=dict)
+    setup: dict[Key, list[float]] = field(default_factory=dict)
+
+    def add(self, record: Record) -> None:
+        """Count a record. Processor time: a run has one thread, and other load leaves it almost as it is."""
+        timing: dict[str, dict[str, float]] = record.details.get("timing", {})
+        train, evaluate = timing.get("train", {}), timing.get("evaluate", {})
+        setup = train.get("cpu_s", 0.0) * _setup_share(record.details.get("timeline", []), train.get("wall_s", 0.0))
+        learning = train.get("cpu_s", 0.0) - setup
+        for key in _keys(record.spec):
+            if record.spec.steps and learning > 0.0:
+                self.train.setdefault(key, []).append(record.spec.steps / learning)
+                self.setup.setdefault(key, []).append(setup)
+            if evaluate.get("cpu_s", 0.0) > 0.0:
+                self.evaluate.setdefault(key, []).append(record.spec.eval_episodes / evaluate["cpu_s"])
+
+
+def _keys(spec: RunSpec) -> tuple[Key, Key]:
+    name = spec.method.partition(":")[0]
+    return (name, spec.scenario), (name,)
+
+
+def _setup_share(timeline: Sequence[Sequence[Any]], wall_s: float) -> float:
+    """Part of the training's time before its first interval between reports begins, 0 to 1."""
+    if len(timeline) < 2 or wall_s <= 0.0:
+        return 0.0
+    (first_steps, first_s), (second_steps, second_s) = timeline[0], timeline[1]
+    before = first_s - (second_s - first_s) * first_steps / max(second_steps - first_steps, 1)
+    return float(min(max(before / wall_s, 0.0), 1.0))
+
+
+def _looked_up(table: dict[Key, list[float]], spec: RunSpec) -> list[float] | None:
+    return next((table[key] for key in _keys(spec) if key in table), None)
 
 
 def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) -> Estimate:
-    """Time that runs will take on so many workers."""
-    rates = _median_rates(records)
-    measured = 0
-    seconds = []
+    """Time that runs will take on so many workers, in their order.
+
+    Records of this processor decide; where there are none, those of any. The setup of a method is counted once for
+    each scenario and budget that has no record yet.
+    """
+    records = list(records)
+    own = [record for record in records if record.details.get("provenance", {}).get("cpu") == cpu_model()]
+    rates = _Rates()
+    for record in own or records:
+        rates.add(record)
+    made = {(*_keys(record.spec)[0], record.spec.steps) for record in records}
+    measured, seconds = 0, []
     for spec in specs:
-        name = spec.method.partition(":")[0]
-        measured += ("evaluate", name) in rates
-        train = spec.steps / rates.get(("train", name), DEFAULT_TRAIN_RATE)
-        seconds.append(train + spec.eval_episodes / rates.get(("evaluate", name), DEFAULT_EVAL_RATE))
-    wall = max(sum(seconds) / max(1, workers), max(seconds, default=0.0)) + (START_S if specs else 0.0)
+        train, evaluate = _looked_up(rates.train, spec), _looked_up(rates.evaluate, spec)
+        measured += evaluate is not None and (train is not None or not spec.steps)
+        needed = spec.steps / (statistics.median(train) if train else DEFAULT_TRAIN_RATE)
+        needed += spec.eval_episodes / (statistics.median(evaluate) if evaluate else DEFAULT_EVAL_RATE)
+        product = (*_keys(spec)[0], spec.steps)
+        if product not in made:
+            made.add(product)
+            needed += max(_looked_up(rates.setup, spec) or [0.0])
+        seconds.append(needed)
     basis = f"{measured} of {len(specs)} runs at rates measured in this results folder"
+    if own != records:
+        basis += " on this kind of processor" if own else " on another kind of processor"
     if measured < len(specs):
         basis += (
             f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s "
             f"and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
         )
-    return Estimate(tuple(seconds), wall, basis)
+    return Estimate(tuple(seconds), _makespan(seconds, workers), basis)
+
+
+def _makespan(seconds: Sequence[float], workers: int) -> float:
+    """Wall time of runs that are handed out in order to whoever is free [s]."""
+    free = [START_S] * max(1, workers) if seconds else [0.0]
+    for needed in seconds:
+        heapq.heappush(free, heapq.heappop(free) + needed)
+    return max(free)

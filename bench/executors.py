@@ -24,6 +24,8 @@ from bench.store import Failure, State, Store
 STOP_S: Final = 2.0
 """Time that workers get to stop before they are killed; together within 5 s."""
 TICK_S: Final = 0.2
+OUTCOMES: Final = {worker.DONE: Phase.DONE, worker.LOCKED: Phase.ELSEWHERE, worker.FAILED: Phase.FAILED}
+"""What a worker says of a run, as its phase."""
 
 
 @dataclass(slots=True)
@@ -40,10 +42,12 @@ class LocalExecutor:
     Args:
         results: The results folder.
         workers: Processes at a time; by default one for each usable core.
+        track: Where else scalars go, see `bench.tracking`.
     """
 
-    def __init__(self, results: Path, workers: int | None = None) -> None:
+    def __init__(self, results: Path, workers: int | None = None, track: str | None = None) -> None:
         self.workers = workers or usable_cores()
+        self._track = track
         self._results = results
         self._store = Store(results)
         self._context = multiprocessing.get_context("spawn")
@@ -79,9 +83,9 @@ class LocalExecutor:
     def _start(self, core: int | None) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=worker.main, args=(theirs, self._results, core), name="bench-worker", daemon=False
+            target=worker.main, args=(theirs, self._results, core, self._track), name="bench-worker", daemon=False
         )
-        with _environment(), _deaf_to_interrupts():
+        with one_thread(), _deaf_to_interrupts():
             process.start()
         theirs.close()
         return _Worker(process, ours, core)
@@ -117,8 +121,7 @@ class LocalExecutor:
         if message[0] == worker.PROGRESS:
             run.advance(*message[1:])
             return
-        phases = {worker.DONE: Phase.DONE, worker.LOCKED: Phase.ELSEWHERE, worker.FAILED: Phase.FAILED}
-        run.end(phases[message[1]], message[2])
+        run.end(OUTCOMES[message[1]], message[2])
         if run.phase is Phase.FAILED and self._store.state(run.spec) is not State.FAILED:
             self._mark_failed(run, run.reason)
         member.run = None
@@ -168,7 +171,7 @@ def death(exit_code: int | None) -> str:
 
 
 @contextlib.contextmanager
-def _environment() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """One thread for each numerical library of a process started inside: set before it imports them."""
     before = {name: os.environ.get(name) for name in worker.ONE_THREAD}
     os.environ.update(dict.fromkeys(worker.ONE_THREAD, "1"))

@@ -93,6 +93,7 @@ def _places(spec: RunSpec) -> list[tuple[Any, str, str]]:
 
 
 def _omnisafe_places(spec: RunSpec) -> list[tuple[Any, str, str]]:
+    from algorithms import omnisafe_speed
     from algorithms.omnisafe_library import omnisafe_module
     from algorithms.omnisafe_methods import OnPolicyMethod
     from algorithms.registry import get_method
@@ -101,8 +102,7 @@ def _omnisafe_places(spec: RunSpec) -> list[tuple[Any, str, str]]:
     if not isinstance(method, OnPolicyMethod):
         return []
     trainer = getattr(omnisafe_module("omnisafe.algorithms.on_policy"), method.algorithm)
-    model = omnisafe_module("omnisafe.models.actor_critic.constraint_actor_critic").ConstraintActorCritic
-    return [(trainer, "_update", UPDATE), (model, "step", POLICY)]
+    return [(trainer, "_update", UPDATE), (omnisafe_speed, "lean_step", POLICY)]
 
 
 def profile(spec: RunSpec, results: Path) -> dict[str, Any]:

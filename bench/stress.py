@@ -22,6 +22,7 @@ from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX
 from envs.layout import CHUNK, EpisodeSource
 from envs.motion import ACCELERATION_MAX_MPS2
+from envs.plugins import UnavailableError
 from envs.scenario import LANE_WIDTH_M, Scenario, UnknownNameError, get_scenario
 from envs.trace import EpisodeTrace, record_episode
 from envs.world import FloatArray, Records, Shield
@@ -190,7 +191,7 @@ def command(
             chosen, DD_RQ, episodes, driver, seed=seed, agent_steps=agent_steps,
             shield_factory=lambda _scenario: RiskGuard(model, options=options),
         )  # fmt: skip
-    except ValueError as error:
+    except (ValueError, UnavailableError) as error:
         raise UsageError(str(error)) from error
 
 

@@ -60,10 +60,10 @@ def parse_name(text: str) -> StressName:
     try:
         scenario = get_scenario(":".join(part for part in parts if part not in own + switches))
         options = parse_options(switches)
-        if values.get("tc", DD_RQ) != DD_RQ:
-            float(values["tc"])
         if not all(values.values()):
             raise ValueError("A key has no value.")
+        if values.get("tc", DD_RQ) != DD_RQ:
+            float(values["tc"])
         numbers = {key: int(values.pop(key)) for key in ("seed", "agent_steps") if key in values}
     except (ValueError, UnknownNameError) as error:
         raise UsageError(f"{text}: {error} Expected a name such as {EXAMPLE}.") from error

@@ -1,0 +1,56 @@
+"""The estimate of `bench run --dry-run`: rates of records, setup once, workers in turn."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, START_S, estimate
+from bench.provenance import cpu_model
+
+
+def spec(method="sac", scenario="a", steps=1_000, episodes=100):
+    return SimpleNamespace(method=method, scenario=scenario, steps=steps, eval_episodes=episodes)
+
+
+def record(of, train_s, evaluate_s, timeline=(), cpu=None):
+    timing = {"train": {"cpu_s": train_s, "wall_s": 2 * train_s}, "evaluate": {"cpu_s": evaluate_s}}
+    details = {"timing": timing, "timeline": list(timeline), "provenance": {"cpu": cpu or cpu_model()}}
+    return SimpleNamespace(spec=of, details=details)
+
+
+def test_a_run_takes_what_its_like_took_by_processor_time():
+    found = estimate([spec(steps=3_000, episodes=50)], [record(spec(), 10.0, 4.0)], workers=1)
+    assert found.seconds == pytest.approx((3 * 10.0 + 4.0 / 2,))
+    assert found.wall_s == pytest.approx(START_S + 32.0)
+
+
+def test_without_records_stated_defaults_decide():
+    found = estimate([spec()], [], workers=1)
+    assert found.seconds == pytest.approx((1_000 / DEFAULT_TRAIN_RATE + 100 / DEFAULT_EVAL_RATE,))
+    assert "assumed" in found.basis
+
+
+def test_records_of_another_scenario_serve_until_there_are_some_of_this_one():
+    records = [record(spec(), 10.0, 1.0), record(spec(scenario="b"), 30.0, 1.0)]
+    assert estimate([spec(scenario="b")], records, 1).seconds == pytest.approx((31.0,))
+    assert estimate([spec(scenario="a-dense")], records, 1).seconds == pytest.approx((1_000 * 3 / 200 + 1.0,))
+
+
+def test_records_of_this_processor_come_first():
+    records = [record(spec(), 10.0, 1.0), record(spec(), 90.0, 9.0, cpu="another one")]
+    assert estimate([spec()], records, 1).seconds == pytest.approx((11.0,))
+
+
+def test_setup_is_counted_once_for_a_scenario_and_budget_without_a_record():
+    # Reports at 100 and 200 steps, 62 and 64 s: 60 of 80 s of wall time went by before; so did 30 of 40 s.
+    seen = record(spec("dd-rq"), 40.0, 0.5, timeline=[(100, 62.0), (200, 64.0)])
+    again, new = spec("dd-rq"), spec("dd-rq", steps=2_000)
+    assert estimate([again], [seen], 1).seconds == pytest.approx((10.0 + 0.5,))
+    assert estimate([new, new], [seen], 1).seconds == pytest.approx((20.0 + 0.5 + 30.0, 20.0 + 0.5))
+
+
+def test_workers_take_runs_in_turn():
+    records = [record(spec(), 10.0, 0.0), record(spec("cpo"), 4.0, 0.0)]
+    runs = [spec(episodes=0), spec("cpo", episodes=0), spec("cpo", episodes=0), spec("cpo", episodes=0)]
+    assert estimate(runs, records, 2).wall_s == pytest.approx(START_S + 12.0)
+    assert estimate([], records, 2).wall_s == 0.0
