@@ -158,7 +158,7 @@ def _row(record: dict[str, Any]) -> list[str]:
         format_rate(exact_rate(record["collisions"], n)),
         format_rate(exact_rate(record["ego_at_fault"], n)),
         kinds or "-",
-        f"{record['intervention_ratio']:.1%}",
+        f"{100.0 * record['intervention_ratio']:.1f} %",
         f"{record['mean_speed_mps']:.2f} m/s",
         ", ".join(map(str, record["worst"][:SHOWN])) if record["collisions"] else "-",
     ]

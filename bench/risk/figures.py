@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bench.replay.draw import importance_colour
 from bench.risk.episodes import RiskEpisode
 from bench.risk.rollouts import METHODS, Rollouts
-from envs.driving_env import HORIZON_MAX_S, HORIZON_MIN_S
+from envs.actions import HORIZON_MAX_S, HORIZON_MIN_S
 from envs.rendering import VIEW_M, Annotation, Colour, render_world
 from envs.scenario import STEP_S
 from envs.world import FloatArray

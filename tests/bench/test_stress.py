@@ -114,7 +114,7 @@ def test_a_table_names_what_was_changed_and_whom_the_ego_met(tmp_path):
     (tmp_path / "some.json").write_text(json.dumps(record) + "\n")
     assert figures_guard.table(tmp_path, "some").splitlines()[2] == (
         "| b-v1 | 7 s | random | `reserve=false` | 3/1000 = 0.30 % (0.062 to 0.87) | 0/1000 (<= 0.30 %) "
-        "| pedestrian 2, side 1 | 12.5% | 5.00 m/s | 4, 71, 90 |"
+        "| pedestrian 2, side 1 | 12.5 % | 5.00 m/s | 4, 71, 90 |"
     )
 
 
