@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import UsageError
-from bench.learning_curve import Report
 from bench.spec import RunSpec
+from bench.training_log import Report
 
 TRACKERS: Final = {"tensorboard": "pip install '.[track]'", "mlflow": "pip install mlflow"}
 """What scalars can be sent to, and how to install it."""

@@ -60,7 +60,7 @@ def pairs(records: Sequence[Record]) -> list[Pair]:
         for r in sorted(records, key=lambda record: record.spec.steps)
         if has_policy(r) and not r.spec.settings
     }
-    found = []
+    found: list[Pair] = []
     for scenario, seed in sorted({(scenario, seed) for scenario, _, seed in able}):
         both = [(able.get((scenario, a, seed)), able.get((scenario, b, seed))) for a, b in PAIRS]
         ready = [(a, b) for a, b in both if a is not None and b is not None]
