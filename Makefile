@@ -15,7 +15,7 @@ COVERAGE_MIN := 90
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv bench test check lint types coverage slow tables clean
+.PHONY: help venv bench test check lint types coverage slow browser tables docs clean
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,7 +25,7 @@ venv: $(STAMP) ## Make .venv and install the project with its development tools.
 $(STAMP): pyproject.toml $(REQUIREMENTS)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check -c requirements/constraints.txt -e ".[dev]"
+	$(BIN)/python -m pip install --disable-pip-version-check -c requirements/constraints.txt -e ".[dev,docs]"
 	$(BIN)/python -m pip install --disable-pip-version-check --no-deps -r requirements/omnisafe.txt
 	touch $@
 
@@ -50,6 +50,9 @@ coverage: $(STAMP) ## Run the fast tests and hold the branch coverage of the cor
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 -m kernels --cov --cov-append --cov-report=
 	$(BIN)/coverage report --include='$(COVERED)' --fail-under=$(COVERAGE_MIN)
 
+browser: $(STAMP) ## Run the report in a headless Chromium, which must be installed.
+	$(BIN)/python -m pytest -m browser
+
 slow: $(STAMP) ## Run the slow and the learning tests.
 	$(BIN)/python -m pytest -m "slow or learning"
 
@@ -57,7 +60,11 @@ tables: $(STAMP) ## Draw tables, leaderboard, claims and plots again from the co
 	$(BIN)/bench tables
 	$(BIN)/bench leaderboard
 	$(BIN)/bench claims
+	$(BIN)/bench plot
 	$(BIN)/python -m paper_tables.readme
+
+docs: $(STAMP) ## Build the documentation into site/: no network, and any warning or dead link is an error.
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 clean: ## Remove .venv, caches and build leftovers; records stay.
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage .coverage.* build dist site *.egg-info

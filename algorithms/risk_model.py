@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from algorithms.risk_kernel import fold, risk_kernel
-from envs.driving_env import HORIZON_MAX_S, HORIZON_MIN_S
+from envs.actions import HORIZON_MAX_S, HORIZON_MIN_S
 from envs.observation import (
     EGO_FEATURES,
     LAYOUT_VERSION,

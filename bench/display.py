@@ -121,15 +121,16 @@ def cells(run: RunStatus) -> tuple[str, str, str, str, str]:
         f"{run.rate:,.0f} {unit}" if run.done else "",
         "" if left is None else duration(left),
         "" if collisions is None else f"{100.0 * collisions:.1f} %",
-        _memory(run.pid),
+        _memory(run),
     )
 
 
-def _memory(pid: int) -> str:
+def _memory(run: RunStatus) -> str:
     try:
-        return f"{psutil.Process(pid).memory_info().rss / 2**20:,.0f} MiB"
+        held = run.memory or psutil.Process(run.pid).memory_info().rss
     except psutil.Error:
         return ""
+    return f"{held / 2**20:,.0f} MiB"
 
 
 def choose_display(board: Board, quiet: bool) -> Display:

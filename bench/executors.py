@@ -24,6 +24,8 @@ from bench.store import Failure, State, Store
 STOP_S: Final = 2.0
 """Time that workers get to stop before they are killed; together within 5 s."""
 TICK_S: Final = 0.2
+OUTCOMES: Final = {worker.DONE: Phase.DONE, worker.LOCKED: Phase.ELSEWHERE, worker.FAILED: Phase.FAILED}
+"""What a worker says of a run, as its phase."""
 
 
 @dataclass(slots=True)
@@ -40,25 +42,40 @@ class LocalExecutor:
     Args:
         results: The results folder.
         workers: Processes at a time; by default one for each usable core.
+        track: Where else scalars go, see `bench.tracking`.
     """
 
-    def __init__(self, results: Path, workers: int | None = None) -> None:
+    def __init__(self, results: Path, workers: int | None = None, track: str | None = None) -> None:
         self.workers = workers or usable_cores()
+        self._track = track
         self._results = results
         self._store = Store(results)
         self._context = multiprocessing.get_context("spawn")
         self._pool: list[_Worker] = []
 
+    @contextlib.contextmanager
+    def ready(self) -> Iterator[None]:
+        """Start the workers: they load their packages, seconds long, while the caller finds out what to run."""
+        try:
+            self._fill(self.workers)
+            yield
+        finally:
+            self._stop()
+
+    def _fill(self, count: int) -> None:
+        missing = count - len(self._pool)
+        if missing > 0:
+            self._pool += [self._start(core) for core in self._cores(count)[-missing:]]
+
     def execute(self, board: Board, display: Display) -> None:
         """Run every queued run of the board to its end.
 
         Raises:
-            KeyboardInterrupt: Ctrl-C; the workers have stopped, their runs are as if never begun.
+            KeyboardInterrupt: Ctrl-C; the workers have stopped, their runs go on where they were.
         """
         queue = deque(run for run in board.runs if run.phase is Phase.QUEUED)
         try:
-            for core in self._cores(min(self.workers, len(queue))):
-                self._pool.append(self._start(core))
+            self._fill(min(self.workers, len(queue)))
             while queue or any(member.run for member in self._pool):
                 self._hand_out(queue, display)
                 self._listen(display)
@@ -79,9 +96,9 @@ class LocalExecutor:
     def _start(self, core: int | None) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=worker.main, args=(theirs, self._results, core), name="bench-worker", daemon=False
+            target=worker.main, args=(theirs, self._results, core, self._track), name="bench-worker", daemon=False
         )
-        with _environment(), _deaf_to_interrupts():
+        with one_thread(), _deaf_to_interrupts():
             process.start()
         theirs.close()
         return _Worker(process, ours, core)
@@ -117,8 +134,7 @@ class LocalExecutor:
         if message[0] == worker.PROGRESS:
             run.advance(*message[1:])
             return
-        phases = {worker.DONE: Phase.DONE, worker.LOCKED: Phase.ELSEWHERE, worker.FAILED: Phase.FAILED}
-        run.end(phases[message[1]], message[2])
+        run.end(OUTCOMES[message[1]], message[2])
         if run.phase is Phase.FAILED and self._store.state(run.spec) is not State.FAILED:
             self._mark_failed(run, run.reason)
         member.run = None
@@ -142,11 +158,10 @@ class LocalExecutor:
             self._store.fail(run.spec, Failure("worker", step, reason))
 
     def _stop(self) -> None:
-        """End all workers: idle ones at once, busy ones by SIGTERM, deaf ones by SIGKILL."""
+        """End all workers: by SIGTERM, deaf ones by SIGKILL."""
         with _deaf_to_interrupts():
             for member in self._pool:
-                if member.run is not None:
-                    member.process.terminate()
+                member.process.terminate()
                 member.pipe.close()
             deadline = time.monotonic() + STOP_S
             for member in self._pool:
@@ -168,7 +183,7 @@ def death(exit_code: int | None) -> str:
 
 
 @contextlib.contextmanager
-def _environment() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """One thread for each numerical library of a process started inside: set before it imports them."""
     before = {name: os.environ.get(name) for name in worker.ONE_THREAD}
     os.environ.update(dict.fromkeys(worker.ONE_THREAD, "1"))

@@ -63,7 +63,7 @@ COLUMNS: Final[dict[str, str]] = {
     "inside_safe_gap": "share of steps with a gap ahead below 3.6 v",
     "low_ttc": "share of steps with a time to collision below 1.5 s",
     "hard_braking": "share of steps at or below -1.8 m/s2",
-    "jerk_mps3": "mean of |jerk|",
+    "jerk_mps3": "mean of abs(jerk)",
     "lane_changes": "mean of each episode",
     "wall_s": "seconds of this stage, mean of the seeds",
     "cpu_s": "processor seconds of this stage, mean of the seeds",

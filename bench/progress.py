@@ -35,7 +35,8 @@ class RunStatus:
         total: Of so many.
         scalars: Latest numbers of the learner.
         reason: Why it failed, or who runs it elsewhere.
-        pid: Worker process, 0 without one.
+        pid: Worker process on this machine, 0 without one.
+        memory: What it said that it holds, 0 where it says nothing [bytes].
         seconds: Duration, once ended.
     """
 
@@ -47,6 +48,7 @@ class RunStatus:
     scalars: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
     pid: int = 0
+    memory: int = 0
     seconds: float = 0.0
     _started: float = 0.0
     _stage_started: float = 0.0
@@ -65,7 +67,7 @@ class RunStatus:
 
     def end(self, phase: Phase, reason: str = "") -> None:
         """The run has ended."""
-        self.phase, self.reason, self.pid = phase, reason, 0
+        self.phase, self.reason, self.pid, self.memory = phase, reason, 0, 0
         self.seconds = time.monotonic() - self._started if self._started else 0.0
 
     @property

@@ -6,17 +6,22 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from bench import leaderboard, sweep
 from bench.display import choose_display
-from bench.errors import BenchError
+from bench.errors import BenchError, UsageError
 from bench.estimate import estimate
 from bench.executors import LocalExecutor
 from bench.leaderboard import Row, collision_text
 from bench.progress import Phase, duration
 from bench.protocols import ALL, Request, expand
+from bench.ray_executor import RayExecutor
 from bench.records import collect
 from bench.text import columns, json_text
+from bench.tracking import require_tracker
+
+EXECUTORS: Final = ("local", "ray")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +33,35 @@ class Options:
     retry_failed: bool
     quiet: bool
     as_json: bool
+    executor: str = "local"
+    address: str | None = None
+    track: str | None = None
+
+    def make_executor(self) -> LocalExecutor | RayExecutor:
+        """The executor of these options.
+
+        Raises:
+            UsageError: It is unknown, or cannot be used here.
+        """
+        require_tracker(self.track)
+        if self.executor not in EXECUTORS:
+            raise UsageError(f"--executor {self.executor}: must be one of {', '.join(EXECUTORS)}.")
+        if self.executor == "ray":
+            return RayExecutor(self.results, self.workers, self.address, self.track)
+        if self.address is not None:
+            raise UsageError(f"--address {self.address}: only with --executor ray.")
+        return LocalExecutor(self.results, self.workers, self.track)
 
 
 def run(request: Request, options: Options) -> int:
     """Run a request and print its table; the exit code."""
+    executor = options.make_executor()
+    with executor.ready():
+        return _run(request, options, executor)
+
+
+def _run(request: Request, options: Options, executor: LocalExecutor | RayExecutor) -> int:
     expansion = expand(request)
-    executor = LocalExecutor(options.results, options.workers)
     board = sweep.plan(expansion.specs, options.results, executor.workers, options.retry_failed)
     _name_unavailable(expansion.unavailable)
     try:

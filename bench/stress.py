@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,15 +15,17 @@ from algorithms.guard_options import GuardOptions
 from algorithms.method import Actions, Observations, seed_sequence
 from algorithms.reference_drivers import DRIVERS
 from algorithms.risk_training import risk_model
-from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
+from algorithms.safety_guard import SafetyGuard
 from bench.errors import UsageError
+from bench.stress_result import DD_RQ, StressResult, Tc, Totals
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.engine import STEPS_MAX
 from envs.layout import CHUNK, EpisodeSource
 from envs.motion import ACCELERATION_MAX_MPS2
-from envs.scenario import LANE_WIDTH_M, STEP_S, Scenario, UnknownNameError, get_scenario
+from envs.plugins import UnavailableError
+from envs.scenario import LANE_WIDTH_M, Scenario, UnknownNameError, get_scenario
 from envs.trace import EpisodeTrace, record_episode
-from envs.world import Ending, Fault, FloatArray, Records, Shield
+from envs.world import FloatArray, Records, Shield
 
 RANDOM: Final = "random"
 CRUISE: Final = "cruise"
@@ -34,69 +35,14 @@ STRESS_DRIVERS: Final = (RANDOM, CRUISE, FULL_THROTTLE, FULL_THROTTLE_LANE_CHANG
 WISH_S: Final = 3.0
 """How long `full-throttle-lane-change` holds one wish: a lane to the right, stay, a lane to the left."""
 
-DD_RQ: Final = "dd-rq"
-"""Stands in place of a number for T_c: the risk model sets it."""
-Tc = float | Literal["dd-rq"]
+OPTION_NAMES: Final = tuple(field.name for field in dataclasses.fields(GuardOptions))
 ShieldFactory = Callable[[Scenario], Shield]
 
-WORST_MAX: Final = 100
-CLOSEST: Final = 5
 BATCH: Final = 16 * CHUNK
 """Episodes whose records are held at once."""
 WORLDS: Final = 256
 """Worlds stepped together; a replay steps as many: the rounding of a risk model's products depends on it."""
 _DRAWS_KEPT: Final = 4
-
-
-@dataclass(frozen=True, slots=True)
-class StressResult:
-    """What a driver behind a guard did to the traffic, and the traffic to it.
-
-    Attributes:
-        scenario: Name and version.
-        tc: T_c [s], or ``dd-rq``.
-        driver: Who proposed the actions, one of `STRESS_DRIVERS`.
-        episodes: Number of episodes.
-        seed: Names the stream of episodes and of the driver's draws.
-        options: `GuardOptions`; empty for a shield of another kind.
-        guard_version: Version of the guard.
-        collisions: Episodes that ended in a collision.
-        ego_at_fault: Of these, those that the ego caused (`envs.engine.judge_contact`).
-        pedestrian: Of these, contact with a pedestrian.
-        rear_ended: Of these, the ego was run into from behind.
-        side: Of these, side contact.
-        ahead: Of these, the ego ran into a car ahead.
-        off_road: Episodes that ended off the road.
-        timed_out: Episodes that ended at the time limit.
-        intervention_ratio: Flagged steps / all steps of 0.1 s.
-        altered_share: Steps whose action was really changed / all steps of 0.1 s.
-        mean_speed_mps: Distance / time of each episode, then the mean [m/s].
-        worst: Episodes with a collision (at most 100), else the 5 with the least time to collision.
-    """
-
-    scenario: str
-    tc: Tc
-    driver: str
-    episodes: int
-    seed: int
-    options: dict[str, bool]
-    guard_version: int
-    collisions: int
-    ego_at_fault: int
-    pedestrian: int
-    rear_ended: int
-    side: int
-    ahead: int
-    off_road: int
-    timed_out: int
-    intervention_ratio: float
-    altered_share: float
-    mean_speed_mps: float
-    worst: tuple[int, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """The same as plain values."""
-        return {**dataclasses.asdict(self), "worst": list(self.worst)}
 
 
 class StressDriver:
@@ -178,7 +124,7 @@ def make_shield(
 
 def stress_guard(
     scenario: str | Scenario, tc: Tc, episodes: int, driver: str = RANDOM, options: GuardOptions | None = None,
-    worlds: int = WORLDS, seed: int = 0, shield_factory: ShieldFactory | None = None,
+    worlds: int = WORLDS, seed: int = 0, shield_factory: ShieldFactory | None = None, agent_steps: int | None = None,
 ) -> StressResult:  # fmt: skip
     """Drive many episodes behind a guard and count what happens.
 
@@ -188,9 +134,10 @@ def stress_guard(
         episodes: How many, at least 1.
         driver: One of `STRESS_DRIVERS`.
         options: Readings of Alg. 2; the defaults where None.
-        worlds: Driven at a time; with a risk model the last bit of T_c may depend on it.
+        worlds: Driven at a time; no result depends on it.
         seed: Names the stream of episodes and the driver's draws.
         shield_factory: Makes another shield than `SafetyGuard` of T_c; one that does not depend on past steps.
+        agent_steps: Noted in the result: the budget behind a factory's risk model.
 
     Raises:
         ValueError: A number is out of range, or T_c is unusable.
@@ -201,30 +148,50 @@ def stress_guard(
         raise ValueError(f"episodes = {episodes}: must be at least 1.")
     shield = make_shield(scenario, tc, options, shield_factory)
     policy = StressDriver(driver, scenario, seed)
-    totals = _Totals()
+    totals = Totals()
     for start in range(0, episodes, BATCH):
         source = stress_source(scenario, seed, start, min(start + BATCH, episodes))
         totals.add(_drive(source, policy, shield, min(worlds, episodes - start)))
-    used = {} if shield_factory else dataclasses.asdict(options or GuardOptions())
-    return totals.result(scenario=scenario.id, tc=tc, driver=driver, seed=seed, options=used)
+    used = dataclasses.asdict(shield.options) if isinstance(shield, SafetyGuard) else {}
+    return totals.result(scenario=scenario.id, tc=tc, driver=driver, seed=seed, agent_steps=agent_steps, options=used)
+
+
+def parse_options(settings: Sequence[str]) -> GuardOptions:
+    """Guard options from texts such as ``reserve=false``; the defaults for the rest.
+
+    Raises:
+        ValueError: An option is unknown, or its value neither true nor false.
+    """
+    changes = {}
+    for item in settings:
+        key, _, text = item.partition("=")
+        if key not in OPTION_NAMES:
+            raise UnknownNameError("guard option", key, list(OPTION_NAMES))
+        if text not in ("true", "false"):
+            raise ValueError(f"Guard option {item!r}: expected {key}=true or {key}=false.")
+        changes[key] = text == "true"
+    return GuardOptions(**changes)
 
 
 def command(
-    scenario: str, tc: str, episodes: int, driver: str, seed: int, agent_steps: int, cache: Path
-) -> StressResult:
+    scenario: str, tc: str, episodes: int, driver: str, seed: int, agent_steps: int, cache: Path,
+    settings: Sequence[str] = (),
+) -> StressResult:  # fmt: skip
     """`stress_guard` from what is typed: T_c as a text, DD-RQ's risk model from the cache or trained now.
 
     Raises:
         UsageError: A name is unknown or a number unusable.
     """
     try:
-        chosen = get_scenario(scenario)
+        chosen, options = get_scenario(scenario), parse_options(settings)
         if tc != DD_RQ:
-            return stress_guard(chosen, float(tc), episodes, driver, seed=seed)
+            return stress_guard(chosen, float(tc), episodes, driver, options, seed=seed)
         model = risk_model(chosen, agent_steps, cache)
-        factory: ShieldFactory = lambda _scenario: RiskGuard(model)  # noqa: E731
-        return stress_guard(chosen, DD_RQ, episodes, driver, seed=seed, shield_factory=factory)
-    except ValueError as error:
+        return stress_guard(
+            chosen, DD_RQ, episodes, driver, seed=seed, agent_steps=agent_steps,
+            shield_factory=lambda _scenario: RiskGuard(model, options=options),
+        )  # fmt: skip
+    except (ValueError, UnavailableError) as error:
         raise UsageError(str(error)) from error
 
 
@@ -260,55 +227,3 @@ def replay_stress(
 
     shield = make_shield(scenario, tc, options, shield_factory)
     return record_episode(stress_source(scenario, seed), episode, act, worlds=WORLDS, shield=shield)
-
-
-class _Totals:
-    """Sums over batches of finished episodes."""
-
-    def __init__(self) -> None:
-        self.episodes = self.steps = self.interventions = self.altered = self.at_fault = 0
-        self.faults = np.zeros(len(Fault), np.int64)
-        self.endings = np.zeros(len(Ending), np.int64)
-        self.speed = 0.0
-        self.collided: list[int] = []
-        self.closest: list[tuple[float, int]] = []
-
-    def add(self, finished: Records) -> None:
-        """Count a batch, in order of episode number."""
-        hit = finished["ending"] == Ending.COLLISION
-        self.episodes += len(finished)
-        self.steps += int(finished["steps"].sum())
-        self.interventions += int(finished["interventions"].sum())
-        self.altered += int(finished["altered"].sum())
-        self.at_fault += int(finished["ego_at_fault"].sum())
-        self.faults += np.bincount(finished["fault"][hit], minlength=len(Fault))
-        self.endings += np.bincount(finished["ending"], minlength=len(Ending))
-        self.speed += float((finished["distance"] / (finished["steps"] * STEP_S)).sum())
-        self.collided += finished["episode"][hit].tolist()
-        pairs = zip(finished["ttc_min"].tolist(), finished["episode"].tolist(), strict=True)
-        self.closest = sorted([*self.closest, *pairs])[:CLOSEST]
-
-    def result(self, *, scenario: str, tc: Tc, driver: str, seed: int, options: dict[str, bool]) -> StressResult:
-        """The figures of all batches."""
-        worst = self.collided[:WORST_MAX] or [number for _, number in self.closest]
-        return StressResult(
-            scenario=scenario,
-            tc=tc,
-            driver=driver,
-            episodes=self.episodes,
-            seed=seed,
-            options=options,
-            guard_version=GUARD_VERSION,
-            collisions=len(self.collided),
-            ego_at_fault=self.at_fault,
-            pedestrian=int(self.faults[Fault.PEDESTRIAN]),
-            rear_ended=int(self.faults[Fault.REAR_ENDED]),
-            side=int(self.faults[Fault.SIDE]),
-            ahead=int(self.faults[Fault.AHEAD]),
-            off_road=int(self.endings[Ending.OFF_ROAD]),
-            timed_out=int(self.endings[Ending.TIME_OUT]),
-            intervention_ratio=self.interventions / self.steps,
-            altered_share=self.altered / self.steps,
-            mean_speed_mps=self.speed / self.episodes,
-            worst=tuple(worst),
-        )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from bench import leaderboard
-from bench.executors import LocalExecutor
 from bench.progress import Board, Display, Phase, RunStatus
 from bench.records import Record, read_record
 from bench.spec import RunSpec
@@ -56,7 +56,14 @@ def plan(specs: Iterable[RunSpec], results: Path, workers: int, retry_failed: bo
     return Board(statuses, workers)
 
 
-def execute(board: Board, executor: LocalExecutor, display: Display) -> None:
+class Executor(Protocol):
+    """Carries out what is queued."""
+
+    def execute(self, board: Board, display: Display) -> None:
+        """Run every queued run of the board to its end."""
+
+
+def execute(board: Board, executor: Executor, display: Display) -> None:
     """Run what is queued.
 
     Raises:

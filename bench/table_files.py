@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -125,7 +126,8 @@ def to_markdown(table: Table) -> str:
         paper = [_published(cell.figure) for cell in cells]
         lines.append("| " + " | ".join([row, stage, "here", *here]) + " |")
         lines.append("| " + " | ".join(["", "", "paper", *paper]) + " |")
-    lines += ["", *(f"[{i}] {note}  " for i, note in enumerate(notes, 1))]
+    if notes:
+        lines += ["", *(f"[{i}] {note}  " for i, note in enumerate(notes, 1))]
     lines += [line for remark in table.remarks for line in ("", remark)]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -144,40 +146,63 @@ def escape(text: str) -> str:
 
 
 def _tex_cell(cell: Cell, notes: Sequence[str]) -> str:
-    """A figure with its bracket on a second line, and the number of its note."""
+    """A figure with its bracket on a line of its own, and the number of its note."""
     reference = f"\\textsuperscript{{{notes.index(cell.reason) + 1}}}" if cell.reason else ""
     if not cell.text:
         return f"--{reference}"
     head, bracket, tail = cell.text.partition(" (")
-    if not bracket:
-        return escape(head) + reference
-    return f"\\begin{{tabular}}{{@{{}}c@{{}}}}{escape(head)}{reference}\\\\({escape(tail)}\\end{{tabular}}"
+    lines = [escape(line) for line in head.split(" = ")]
+    lines[-1] += reference
+    lines += [f"({escape(tail)}"] if bracket else []
+    return _stacked(lines, "c")
+
+
+def _stacked(lines: Sequence[str], align: str) -> str:
+    """Lines of LaTeX in one cell."""
+    text = r"\\".join(lines)
+    return text if len(lines) == 1 else f"\\begin{{tabular}}{{@{{}}{align}@{{}}}}{text}\\end{{tabular}}"
 
 
 def to_latex(table: Table) -> str:
-    """A ``table*`` that needs the package booktabs, and nothing else."""
+    """A ``table*`` that needs the package booktabs, and nothing else; columns that the paper lacks stand below."""
     notes = table.notes()
-    columns = table.columns()
     lines = [
         r"\begin{table*}",
         r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
         f"\\caption{{{escape(f'{table.title}. {table.caption}')}}}\\label{{tab:{table.name}}}",
-        f"\\begin{{tabular}}{{lll{'c' * len(columns)}}}",
-        r"\toprule",
-        " & ".join(["", "Stage", "", *map(escape, columns)]) + r" \\",
-        " & ".join(["Seeds", "", "here", *table.seeds()]) + r" \\",
+        *_tabular(table, notes, published=True),
     ]
-    for row, stage, cells in table.rows():
-        lines.append(r"\midrule")
-        lines.append(" & ".join([escape(row), stage, "here", *(_tex_cell(cell, notes) for cell in cells)]) + r" \\")
-        lines.append(" & ".join(["", "", "paper", *(escape(_published(c.figure)) for c in cells)]) + r" \\")
-    lines += [r"\bottomrule", r"\end{tabular}"]
+    if any(not cell.figure.source for cell in table.cells):
+        lines += ["", r"\medskip", *_tabular(table, notes, published=False)]
     below = [f"\\textsuperscript{{{i}}} {escape(note)}" for i, note in enumerate(notes, 1)]
     below += [escape(remark) for remark in table.remarks]
     if below:
         lines += ["", r"\smallskip", r"\begin{flushleft}", *(f"{line}\\\\" for line in below), r"\end{flushleft}"]
     lines.append(r"\end{table*}")
     return "\n".join(lines) + "\n"
+
+
+def _tabular(table: Table, notes: Sequence[str], published: bool) -> list[str]:
+    """The paper's columns with its figures below ours, or our own columns."""
+
+    def kept(cells: Sequence[Cell]) -> list[Cell]:
+        return [cell for cell in cells if bool(cell.figure.source) is published]
+
+    first = kept(table.rows()[0][2])
+    lines = [
+        f"\\begin{{tabular}}{{lll{'c' * len(first)}}}",
+        r"\toprule",
+        " & ".join(["", "Stage", "", *(escape(cell.figure.column) for cell in first)]) + r" \\",
+        " & ".join(["Seeds", "", "here", *(str(cell.seeds or "") for cell in first)]) + r" \\",
+    ]
+    for row, stage, cells in table.rows():
+        shown = kept(cells)
+        lines.append(r"\midrule")
+        label = _stacked(textwrap.wrap(escape(row), 18), "l")
+        lines.append(" & ".join([label, stage, "here", *(_tex_cell(cell, notes) for cell in shown)]) + r" \\")
+        if published:
+            lines.append(" & ".join(["", "", "paper", *(escape(_published(c.figure)) for c in shown)]) + r" \\")
+    return [*lines, r"\bottomrule", r"\end{tabular}"]
 
 
 FORMATS: Final[dict[str, Callable[[Table], str]]] = {"md": to_markdown, "tex": to_latex, "csv": to_csv}

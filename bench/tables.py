@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from bench import atomic, controls, table_files
 from bench.published import TITLES, Figure, read_figures
 from bench.records import Collection
 from bench.selection import Selection, select, tried
-from bench.statistics import Interval, Rate, SeedInterval, format_rate, seed_rate
-from bench.statistics.resampling import t_interval
+from bench.statistics import Interval, Rate, SeedInterval, format_rate, mean_interval, seed_rate
 from bench.summary import StageCounts
 from bench.table_files import Cell, Table
 
@@ -112,15 +109,15 @@ def _collision_rate(counts: Sequence[StageCounts]) -> Measured:
 
 def _over_seeds(values: Sequence[float], counts: Sequence[StageCounts], scale: float, unit: str) -> Measured:
     """Mean of the seeds with a t interval."""
-    present = scale * np.array([value for value in values if math.isfinite(value)])
-    if not len(present):
+    present = [scale * value for value in values if math.isfinite(value)]
+    if not present:
         return Measured(math.nan, Interval.none(LEVEL), "", 0)
-    value = float(present.mean())
-    interval = Interval.none(LEVEL)
-    if len(present) > 1:
-        error = float(present.std(ddof=1)) / math.sqrt(len(present))
-        interval = t_interval(value, error, len(present) - 1, LEVEL)
+    estimate = mean_interval(present, LEVEL)
+    value, interval = estimate.value, estimate.interval
+    if not interval.empty:
         interval = Interval(max(0.0, interval.low), interval.high, LEVEL)
+    if not any(present):
+        return Measured(value, interval, f"0 {unit}", sum(c.episodes for c in counts))
     spread = ", one seed" if interval.empty else f" ({interval.low:.2f} to {interval.high:.2f})"
     return Measured(value, interval, f"{value:.2f} {unit}{spread}", sum(c.episodes for c in counts))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from algorithms.driving_agent import DrivingAgentSpec, driving_agent
 from bench.errors import UsageError
+from envs.plugins import UnavailableError
 
 
 def train_driving_agent(scenario: str, steps: int, cache: Path, say: Callable[[str], None]) -> Path:
@@ -23,6 +24,6 @@ def train_driving_agent(scenario: str, steps: int, cache: Path, say: Callable[[s
     try:
         spec = DrivingAgentSpec(scenario, steps)
         driving_agent(spec, cache, report)
-    except ValueError as error:
+    except (ValueError, UnavailableError) as error:
         raise UsageError(str(error)) from error
     return cache / spec.key

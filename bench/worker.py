@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
@@ -29,14 +29,15 @@ FAILED: Final = "failed"
 LOCKED: Final = "locked"
 
 
-def main(pipe: Connection, results: Path, core: int | None) -> None:
+def main(pipe: Connection, results: Path, core: int | None, track: str | None = None) -> None:
     """Serve until the pipe closes or None comes; SIGTERM stops cleanly, SIGINT is the executor's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
     if core is not None and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {core})
     try:
-        _serve(pipe, results)
+        _load()
+        _serve(pipe, results, track)
     finally:
         # All locks and files are given back by now; taking down torch would only cost time.
         sys.stdout.flush()
@@ -44,7 +45,13 @@ def main(pipe: Connection, results: Path, core: int | None) -> None:
         os._exit(0)
 
 
-def _serve(pipe: Connection, results: Path) -> None:
+def _load() -> None:
+    """Import what every run needs, while the executor still prepares; a broken installation fails the first run."""
+    with contextlib.suppress(Exception):
+        from bench import runner, tracking  # noqa: F401
+
+
+def _serve(pipe: Connection, results: Path, track: str | None) -> None:
     while True:
         try:
             text = pipe.recv()
@@ -52,36 +59,50 @@ def _serve(pipe: Connection, results: Path) -> None:
             return
         if text is None:
             return
-        _run(pipe, text, results)
+        _run(pipe, text, results, track)
 
 
 def _stop(*_: object) -> None:
     raise SystemExit(128 + signal.SIGTERM)
 
 
-def _run(pipe: Connection, text: str, results: Path) -> None:
+def _run(pipe: Connection, text: str, results: Path, track: str | None) -> None:
+    _send(pipe, (ENDED, *run_one(text, results, lambda *progress: _send(pipe, (PROGRESS, *progress)), track)))
+
+
+def run_one(
+    text: str, results: Path, send: Callable[[str, int, int, dict[str, float]], None], track: str | None = None
+) -> tuple[str, str]:
+    """Run one specification in this process; its outcome (`DONE`, `FAILED` or `LOCKED`) and reason.
+
+    Args:
+        text: JSON of a `RunSpec`.
+        results: The results folder.
+        send: Told of stage, amount done, amount in all and scalars, four times a second at most.
+        track: Where else scalars go, see `bench.tracking`.
+    """
     # Imported here, so that the executor learns of a broken installation as a failed run.
     try:
         from bench import runner
         from bench.errors import AlreadyDoneError, LockedError
         from bench.spec import RunSpec
+        from bench.tracking import tracked
 
         spec = RunSpec.model_validate_json(text)
         with _output_to(results / LOGS / f"{spec.folder_name}.log"):
             try:
-                runner.run(spec, results, _reporter(pipe))
+                with tracked(track, spec, results, _reporter(send)) as report:
+                    runner.run(spec, results, report)
             except AlreadyDoneError:
                 pass
             except LockedError as error:
-                _send(pipe, (ENDED, LOCKED, str(error)))
-                return
+                return LOCKED, str(error)
     except Exception as error:
-        _send(pipe, (ENDED, FAILED, str(error) or type(error).__name__))
-        return
-    _send(pipe, (ENDED, DONE, ""))
+        return FAILED, str(error) or type(error).__name__
+    return DONE, ""
 
 
-def _reporter(pipe: Connection) -> Any:
+def _reporter(send: Callable[[str, int, int, dict[str, float]], None]) -> Any:
     last_stage, last_sent = "", 0.0
 
     def report(stage: str, done: int, total: int, scalars: Mapping[str, float]) -> None:
@@ -89,7 +110,7 @@ def _reporter(pipe: Connection) -> Any:
         now = time.monotonic()
         if stage != last_stage or done >= total or now - last_sent >= REPORT_EVERY_S:
             last_stage, last_sent = stage, now
-            _send(pipe, (PROGRESS, stage, done, total, dict(scalars)))
+            send(stage, done, total, dict(scalars))
 
     return report
 

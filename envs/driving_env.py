@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Mapping
-from typing import Any, Final, SupportsFloat
+from typing import Any, SupportsFloat
 
 import gymnasium
 import numba
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs import batch, engine
+from envs.actions import ActionMode, action_space
 from envs.layout import CHUNK, EpisodeSource
-from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2
-from envs.observation import OBSERVATION_SIZE, observation_bounds
+from envs.observation import OBSERVATION_SIZE, observation_space
 from envs.reward import CostSignal
-from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M, PedestrianRule, Scenario, get_scenario
+from envs.scenario import PedestrianRule, Scenario, get_scenario
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
 
 __all__ = [
     "ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv", "MutatedObservationError",
+    "action_space",
 ]  # fmt: skip
-
-HORIZON_MIN_S: Final = 0.5
-HORIZON_MAX_S: Final = 4.0
-"""Range of T_c in the driving agent's action (paper, appendix) [s]."""
-
 
 SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
 
@@ -39,30 +33,6 @@ class BudgetExceededError(RuntimeError):
 
 class MutatedObservationError(RuntimeError):
     """Who got the observations wrote into them."""
-
-
-class ActionMode(enum.Enum):
-    """What a policy's action is."""
-
-    ACCELERATION = "acceleration"
-    """[d_fn, a_x]: lateral offset from the nearest lane's centre [m], acceleration [m/s2]."""
-    PLANNING = "planning"
-    """[T_c, d_fn, s_dot_f]: planning time [s], lateral offset [m], target speed [m/s]: the driving agent's."""
-
-
-def action_space(mode: ActionMode) -> spaces.Box:
-    """Bounds of an action in physical units."""
-    low = [-LANE_WIDTH_M, ACCELERATION_MIN_MPS2]
-    high = [LANE_WIDTH_M, ACCELERATION_MAX_MPS2]
-    if mode is ActionMode.PLANNING:
-        low, high = [HORIZON_MIN_S, -LANE_WIDTH_M, 0.0], [HORIZON_MAX_S, LANE_WIDTH_M, EGO_SPEED_MAX_MPS]
-    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
-
-
-def observation_space() -> spaces.Box:
-    """Bounds of the state vector, see `envs.observation`."""
-    low, high = observation_bounds()
-    return spaces.Box(low, high, dtype=np.float32)
 
 
 class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.NDArray[Any]]):
@@ -206,7 +176,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             values[...] = kept[name]
         self.decisions, self._next_episode = map(int, kept["counters"])
         self._finished = [kept["finished"].astype(EPISODE)]
-        self._chunk = None
+        self._chunk = self._given = None
 
     def _kept(self) -> dict[str, npt.NDArray[Any]]:
         world = self.world

@@ -23,6 +23,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from envs.compiled import njit
 from envs.scenario import (
@@ -66,6 +67,12 @@ def observation_bounds() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float3
     low = np.concatenate([-signed, 0.0 * masks])
     low[0] = low[2] = 0.0
     return low.astype(np.float32), np.concatenate([signed, masks]).astype(np.float32)
+
+
+def observation_space() -> spaces.Box:
+    """Bounds of the state vector."""
+    low, high = observation_bounds()
+    return spaces.Box(low, high, dtype=np.float32)
 
 
 @njit

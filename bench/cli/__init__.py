@@ -8,4 +8,4 @@ __all__ = ["app", "main"]
 
 def main() -> None:
     """Entry point of the console script."""
-    app()
+    app(prog_name="bench")

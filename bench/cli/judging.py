@@ -56,6 +56,20 @@ def claims(results: Results = RESULTS, as_json: AsJson = False) -> None:
 
 @app.command()
 @reports_errors
+def plot(
+    results: Results = RESULTS,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where to; plots/ in the results folder.")] = None,
+) -> None:
+    """Draw every figure that the records allow, as PDF and PNG."""
+    from bench import plots
+    from bench.records import collect
+
+    for path in plots.write(collect(results), out or results / "plots", show):
+        show(str(path))
+
+
+@app.command()
+@reports_errors
 def why(
     table: Annotated[str, typer.Argument(metavar="TABLE", help="ablation, collision or leaderboard.")],
     cell: Annotated[

@@ -25,6 +25,9 @@ def run(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="As cost.limit=0.1; repeatable.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Runs at a time; one for each core.")] = None,
+    executor: Annotated[str, typer.Option(help="local, or ray for a cluster.")] = "local",
+    address: Annotated[str | None, typer.Option(help="Of the Ray cluster; one is started here without.")] = None,
+    track: Annotated[str | None, typer.Option(help="Scalars live in tensorboard or mlflow.")] = None,
     results: Results = RESULTS,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed work again.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List the runs and their time.")] = False,
@@ -36,7 +39,7 @@ def run(
     from bench.protocols import Request
 
     request = Request(algo, scenario, protocol, seeds, steps, eval_episodes, settings or [])
-    options = run_command.Options(results, workers, retry_failed, quiet, as_json)
+    options = run_command.Options(results, workers, retry_failed, quiet, as_json, executor, address, track)
     code = run_command.dry_run(request, options) if dry_run else run_command.run(request, options)
     raise typer.Exit(code)
 

@@ -61,7 +61,8 @@ def choose_episode(episodes: pa.Table, text: str) -> int:
             return int(np.argmax(hit))
         if hit.all():
             raise UsageError(f"--episode {text}: every held-out episode ended in a collision; try --episode {WORST}.")
-        return int(np.argmin(np.where(hit, np.inf, column(episodes, "ttc_min"))))
+        safe = np.flatnonzero(~hit)
+        return int(safe[np.argmin(column(episodes, "ttc_min")[safe])])
     if not text.isdecimal() or int(text) >= episodes.num_rows:
         raise UsageError(f"--episode {text}: must be {WORST}, {CLOSEST} or a number from 0 to {episodes.num_rows - 1}.")
     return int(text)

@@ -54,9 +54,13 @@ def chosen(record: Record) -> dict[int, str]:
 
 
 def pairs(records: Sequence[Record]) -> list[Pair]:
-    """One pair for each scenario where both of some `PAIRS` left a policy with the same seed."""
-    able = {(r.spec.scenario_id, r.spec.method, r.spec.seed): r for r in records if has_policy(r)}
-    found = []
+    """One pair for each scenario where both of some `PAIRS` left a policy of one seed; the longest trained."""
+    able = {
+        (r.spec.scenario_id, r.spec.method, r.spec.seed): r
+        for r in sorted(records, key=lambda record: record.spec.steps)
+        if has_policy(r) and not r.spec.settings
+    }
+    found: list[Pair] = []
     for scenario, seed in sorted({(scenario, seed) for scenario, _, seed in able}):
         both = [(able.get((scenario, a, seed)), able.get((scenario, b, seed))) for a, b in PAIRS]
         ready = [(a, b) for a, b in both if a is not None and b is not None]
@@ -112,7 +116,7 @@ def collect_episodes(
         ``pairs``: for each pair ``scenario``, ``first``, ``second``, ``number``.
     """
     shown_pairs = pairs(records)
-    wanted = {record.path.name: chosen(record) for record in records}
+    wanted = {record.path.name: chosen(record) if has_policy(record) else {} for record in records}
     for pair in shown_pairs:
         for record, why in ((pair.first, "without a guard"), (pair.second, "with a guard")):
             wanted[record.path.name].setdefault(pair.episode, f"compared: {why}")

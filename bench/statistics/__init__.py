@@ -17,7 +17,7 @@ from bench.statistics.association import (
     spearman,
     spearman_interval,
 )
-from bench.statistics.differences import mean_difference, mean_ratio, rate_difference
+from bench.statistics.differences import mean_difference, mean_interval, mean_ratio, rate_difference
 from bench.statistics.exposure import Exposure, collisions_per_1000_km
 from bench.statistics.improvement import probability_of_improvement, probability_of_improvement_interval
 from bench.statistics.intervals import Estimate, Interval
@@ -57,6 +57,7 @@ __all__ = [
     "iqm_interval",
     "mcnemar_exact",
     "mean_difference",
+    "mean_interval",
     "mean_ratio",
     "paired_mean_difference",
     "percentile_seed_rate",

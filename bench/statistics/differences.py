@@ -1,4 +1,4 @@
-"""Two methods against each other over training seeds: difference and ratio of means, difference of rates."""
+"""Means over training seeds, and two methods against each other: differences and ratios of means, of rates."""
 
 from __future__ import annotations
 
@@ -12,6 +12,22 @@ from bench.statistics._checks import FloatArray
 from bench.statistics.intervals import Estimate, Interval
 from bench.statistics.resampling import t_interval
 from bench.statistics.seeds import SeedRate
+
+
+def mean_interval(values: npt.ArrayLike, level: float = 0.95) -> Estimate:
+    """Mean with Student's t interval: speaks for new training seeds; a single seed gives an empty interval.
+
+    Args:
+        values: One value for each seed, shape (seeds,).
+        level: Two-sided level, in (0, 1).
+
+    Raises:
+        ValueError: The array is empty, not finite or not of one axis, or the level is outside (0, 1).
+    """
+    array = _checks.real_array("values", values, ndim=1)
+    _checks.fraction("level", level)
+    value, error = float(array.mean()), math.sqrt(_mean_variance(array))
+    return Estimate(value, t_interval(value, error, array.size - 1, level), array.size)
 
 
 def mean_difference(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95) -> Estimate:

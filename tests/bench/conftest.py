@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 from bench import schema, store
+from bench.cli import app
 from bench.spec import RunSpec
 from bench.store import Store
 from envs.world import EPISODE, Ending, Fault
 
 FAKE_METHODS = """
-import json, os, signal, time
+import json, os, resource, signal, time
 from pathlib import Path
 import numpy as np
+import psutil
 from algorithms.method import Method, Policy
 
 class Fixed(Policy):
@@ -66,6 +69,17 @@ class Endless(Learner):
         Path(os.environ["FAKE_SIGN"]).write_text("training")
         time.sleep(0.05)
 
+class Hungry(Learner):
+    def after(self, task, env):
+        if env.decisions == 12:
+            size = psutil.Process().memory_info().vms
+            before = resource.getrlimit(resource.RLIMIT_AS)
+            resource.setrlimit(resource.RLIMIT_AS, (size + 2**28, before[1]))
+            try:
+                np.ones(2**28)
+            finally:
+                resource.setrlimit(resource.RLIMIT_AS, before)
+
 class Greedy(Learner):
     def train(self, task):
         policy = super().train(task)
@@ -79,7 +93,7 @@ class Scripted(Method):
     def load_policy(self, folder, task):
         return Fixed((0.0, 0.0))
 """
-CLASSES = ("Learner", "Failing", "Diverging", "Dying", "Endless", "Greedy", "Scripted")
+CLASSES = ("Learner", "Failing", "Diverging", "Dying", "Endless", "Hungry", "Greedy", "Scripted")
 BROKEN = "broken = fake_methods_that_are_not_there:Broken"
 
 
@@ -99,6 +113,16 @@ def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     importlib.invalidate_caches()
     yield folder
     sys.modules.pop("fake_methods", None)
+
+
+@pytest.fixture
+def bench() -> Callable[..., Result]:
+    """Runs the command line in this process."""
+
+    def call(*arguments: object) -> Result:
+        return CliRunner().invoke(app, [*map(str, arguments)])
+
+    return call
 
 
 @pytest.fixture

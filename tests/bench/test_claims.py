@@ -6,12 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from bench import claims, learning_curve
 from bench.claims import Claim, Part, Verdict
 from bench.claims.comparing import compared
 from bench.claims.evidence import Evidence, return_after
 from bench.claims.rules import least_told_from_zero
+from bench.cli import app
 from bench.records import collect, read_record
 from bench.statistics import Estimate, Interval, episodes_for_zero_claim
 
@@ -84,6 +86,15 @@ def test_a_zero_must_be_told_from_the_least_rate_that_the_paper_prints(standard_
     least = least_told_from_zero(Evidence(collect(standard_results)))
     assert least == pytest.approx(0.0012)
     assert episodes_for_zero_claim(least) == 2_495
+
+
+def test_the_command_prints_the_list_and_writes_it(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["claims", "--json", "--results", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.output) == json.loads((tmp_path / "claims.json").read_text())
+    text = CliRunner().invoke(app, ["claims", "--results", str(tmp_path)]).output
+    assert "C1 dd-rq: no collision in training or application" in text
+    assert "UNDECIDED, n = 0 episodes" in text
 
 
 def test_nothing_recorded_leaves_every_claim_undecided_and_says_what_to_run(tmp_path: Path) -> None:

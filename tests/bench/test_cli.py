@@ -7,26 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
-
-from bench.cli import app
+from typer.testing import Result
 
 MakeRecord = Callable[..., Path]
 
 
-@pytest.fixture
-def bench() -> Callable[..., Result]:
-    """Runs the command line in this process."""
-
-    def call(*arguments: str) -> Result:
-        return CliRunner().invoke(app, [*map(str, arguments)])
-
-    return call
-
-
 def test_python_m_bench_prints_its_help_and_every_command() -> None:
     done = subprocess.run([sys.executable, "-m", "bench", "--help"], capture_output=True, text=True, check=True)
-    for command in ("run", "list", "leaderboard", "tables", "speed", "doctor"):
+    for command in ("run", "list", "leaderboard", "tables", "claims", "plot", "why", "speed", "doctor"):
         assert f"\n  {command} " in done.stdout
 
 
@@ -124,8 +112,8 @@ def test_a_dry_run_lists_the_runs_and_makes_nothing(
     arguments = ("run", "--algo", "fake-learner", "--protocol", "smoke", "--seeds", "3", "--results", tmp_path)
     listed = json.loads(bench(*arguments, "--dry-run", "--json").stdout)
     assert [run["state"] for run in listed["runs"]] == ["done before", "queued", "queued"]
-    # The record took 2 s to train and 1 s to evaluate.
-    assert [run["seconds"] for run in listed["runs"]] == [0.0, 3.0, 3.0]
+    # The record took 2 s of processor time to train and none to evaluate.
+    assert [run["seconds"] for run in listed["runs"]] == [0.0, 2.0, 2.0]
     assert "2 of 2 runs at rates measured" in listed["basis"]
     assert "2 of 3 runs to do" in bench(*arguments, "--dry-run").stdout
     assumed = bench("run", "--algo", "sac", "--protocol", "smoke", "--results", tmp_path, "--dry-run").stdout
@@ -133,10 +121,15 @@ def test_a_dry_run_lists_the_runs_and_makes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_all_names_what_is_unavailable(fakes: Path, tmp_path: Path, bench: Callable[..., Result]) -> None:
-    result = bench("run", "--algo", "all", "--protocol", "smoke", "--results", tmp_path, "--dry-run")
+def test_what_is_unavailable_is_named_and_stops_no_other(
+    fakes: Path, tmp_path: Path, bench: Callable[..., Result]
+) -> None:
+    arguments = ("--protocol", "smoke", "--results", tmp_path, "--dry-run")
+    result = bench("run", "--algo", "broken,fake-scripted", *arguments)
     assert "unavailable: broken:" in result.stderr
-    assert result.exit_code == 0
+    assert "1 of 1 runs to do" in result.stdout
+    assert "unavailable" not in bench("run", "--algo", "all", *arguments).stderr
+    assert bench("run", "--algo", "broken", *arguments).exit_code == 2
 
 
 def test_leaderboard_and_tables_refuse_bad_records_with_code_1(

@@ -8,9 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bench.statistics import mean_difference, mean_ratio, rate_difference, seed_rate
+from bench.statistics import mean_difference, mean_interval, mean_ratio, rate_difference, seed_rate
 
 VALUES = st.lists(st.floats(0.1, 100.0).map(lambda value: round(value, 3)), min_size=2, max_size=6)
+
+
+def test_mean_interval_by_hand() -> None:
+    # 1, 2, 3: mean 2, error 1 / sqrt(3), t(2) = 4.3027.
+    estimate, half = mean_interval([1, 2, 3]), 4.302652729911275 / math.sqrt(3)
+    assert (estimate.value, estimate.replicates) == (2.0, 3)
+    assert (estimate.interval.low, estimate.interval.high) == pytest.approx((2 - half, 2 + half))
+    assert mean_interval([5.0]).interval.empty
 
 
 def test_mean_difference_by_hand() -> None:

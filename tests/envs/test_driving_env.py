@@ -19,10 +19,11 @@ from envs.driving_env import (
     CostSignal,
     DrivingEnv,
     DrivingVectorEnv,
+    MutatedObservationError,
     action_space,
-    observation_space,
 )
 from envs.layout import EpisodeSource, held_out_source
+from envs.observation import observation_space
 from envs.reward import comfort_reward, speed_reward
 from envs.scenario import GYMNASIUM_IDS, get_scenario, scenario_names
 from envs.six_tuple import SixTuple
@@ -640,3 +641,25 @@ def test_unknown_names_and_values_are_refused_at_construction() -> None:
 def test_a_spawn_that_cannot_fit_is_refused_when_episodes_begin() -> None:
     with pytest.raises(ValueError, match="cannot spawn 40 vehicles: at most 27 fit"):
         DrivingEnv("a:vehicles=40").reset(seed=0)
+
+
+def test_a_watched_environment_refuses_to_go_on_once_its_observations_were_written_into():
+    for watched in (True, False):
+        env = DrivingVectorEnv("a", 3, watched=watched)
+        observations, _ = env.reset(seed=0)
+        observations = env.step(np.zeros((3, 2)))[0]
+        observations[1, 5] += 0.25
+        if watched:
+            with pytest.raises(MutatedObservationError, match="copy them first"):
+                env.step(np.zeros((3, 2)))
+        else:
+            env.step(np.zeros((3, 2)))
+
+
+def test_a_watched_environment_goes_on_from_a_snapshot():
+    first, second = (DrivingVectorEnv("a", 3, watched=True) for _ in range(2))
+    first.reset(seed=0)
+    second.reset(seed=0)
+    first.step(np.ones((3, 2)))
+    second.restore(first.snapshot())
+    assert np.array_equal(second.step(np.ones((3, 2)))[0], first.step(np.ones((3, 2)))[0])

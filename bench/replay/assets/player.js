@@ -108,6 +108,9 @@ const Replays = (() => {
     episode.cars.forEach((car, k) =>
       drawCar(c, x(lerp(car.s, time)), y(lerp(car.d, time)), lerp(car.heading, time), scale, road, weights(k), colours));
     drawEgo(c, episode, time, action, x, y, scale, road, colours);
+    const share = (k, s, d) => weights(k) && inscribe(c, `${Math.round(100 * weights(k).value)} %`, x(s), y(d), narrow);
+    episode.cars.forEach((car, k) => share(k, lerp(car.s, time), lerp(car.d, time)));
+    episode.people.forEach((one, k) => one.state[Math.floor(time)] === 1 && share(episode.cars.length + k, lerp(one.s, time), lerp(one.d, time) + 1.9));
   }
 
   function line(c, x0, y0, x1, y1) {
@@ -149,13 +152,23 @@ const Replays = (() => {
     c.fill();
     windscreen(c, length, wide);
     c.restore();
-    if (weight) label(c, `${Math.round(100 * weight.value)} %`, px, py - wide * 0.85, colours);
   }
 
   function windscreen(c, length, wide) {
     c.fillStyle = "rgba(10, 20, 30, 0.55)";
     c.fillRect(length * 0.12, -wide * 0.38, length * 0.14, wide * 0.76);
     c.fillRect(-length * 0.36, -wide * 0.34, length * 0.08, wide * 0.68);
+  }
+
+  /** Text over a body, legible on any colour. */
+  function inscribe(c, text, px, py, narrow) {
+    c.font = `700 ${narrow ? 9 : 11}px system-ui, sans-serif`;
+    c.lineWidth = 3;
+    c.lineJoin = "round";
+    c.strokeStyle = "rgba(0, 0, 0, 0.75)";
+    c.strokeText(text, px, py + 4);
+    c.fillStyle = "#fff";
+    c.fillText(text, px, py + 4);
   }
 
   function label(c, text, px, py, colours) {
@@ -180,7 +193,6 @@ const Replays = (() => {
     c.beginPath();
     c.arc(px, py, 1.1 * scale, 0, 2 * Math.PI);
     c.stroke();
-    if (weight) label(c, `${Math.round(100 * weight.value)} %`, px, py - 1.4 * scale, colours);
   }
 
   function drawEgo(c, episode, time, action, x, y, scale, road, colours) {

@@ -16,12 +16,12 @@ const number = (key, label, text) => ({ label, title: DATA.columns[key], numeric
 function boardColumns() {
   return [
     { label: "method", title: DATA.columns.method, value: (row) => row.method,
-      text: (row) => make("span", { class: "name" }, row.settings ? `${row.method} ${row.settings}` : row.method) },
+      text: (row) => named(row.settings ? `${row.method} ${row.settings}` : row.method) },
     { label: "scenario", title: DATA.columns.scenario, value: (row) => row.scenario, text: (row) => row.scenario },
     { label: "stage", title: DATA.columns.stage, value: (row) => row.stage, text: (row) => row.stage },
     { ...number("rank", "rank", whole), value: (row) => -row.rank },
     { label: "collisions", title: `${DATA.columns.collision_rate}; ${DATA.columns.collision_low}`, numeric: true, value: (row) => row.collision_rate,
-      text: (row) => make("span", { class: "stack" }, row.collision_text, rateBar(row.collision_seeds_low, row.collision_seeds_high, row.collision_rate)) },
+      text: (row) => make("span", { class: "stack" }, counted(row.collision_text), rateBar(row.collision_seeds_low, row.collision_seeds_high, row.collision_rate)) },
     number("speed_mps", "speed m/s", (value) => decimals(value, 2)),
     number("intervention_ratio", "interventions", percent),
     number("return_without_risk", "return", (value) => decimals(value, 0)),
@@ -40,13 +40,13 @@ function boardColumns() {
 }
 
 function setUpBoard() {
-  byId("ranking").textContent = DATA.ranking;
+  byId("ranking").textContent = `${counted(DATA.ranking)} The bars are intervals for new seeds on a square-root axis from 0 to 100 %.`;
   const table = new SortedTable("Leaderboard", boardColumns());
   byId("board").append(table.root);
   Filters.follow(() => table.show(DATA.leaderboard.filter((row) => Filters.keep(row))));
 }
 
-const runLink = (run) => make("a", { href: `#run=${encodeURIComponent(run.id)}` }, run.method);
+const runLink = (run) => make("a", { href: `#run=${encodeURIComponent(run.id)}` }, named(run.method));
 
 function setUpRuns() {
   const applied = (key) => (run) => run.stages.A && run.stages.A[key];
@@ -55,7 +55,7 @@ function setUpRuns() {
     { label: "scenario", value: (run) => run.scenario, text: (run) => run.scenario },
     { label: "seed", numeric: true, value: (run) => run.seed, text: (run) => String(run.seed) },
     { label: "steps", numeric: true, value: (run) => run.config.steps, text: (run) => whole(run.config.steps) },
-    { label: "collisions (A)", numeric: true, value: (run) => applied("collisions")(run) / applied("episodes")(run), text: (run) => applied("collision_text")(run) || NONE },
+    { label: "collisions (A)", numeric: true, value: (run) => applied("collisions")(run) / applied("episodes")(run), text: (run) => counted(applied("collision_text")(run) || NONE) },
     { label: "speed (A) m/s", numeric: true, value: applied("speed_mps"), text: (run) => decimals(applied("speed_mps")(run), 2) },
     { label: "return (A)", numeric: true, value: applied("return_without_risk"), text: (run) => decimals(applied("return_without_risk")(run), 0) },
     { label: "settings", value: (run) => settings(run), text: (run) => settings(run) || NONE },

@@ -23,19 +23,18 @@ function chart(canvas, configuration) {
   drawn.set(canvas, made);
 }
 
-/** One labelled canvas for each scenario that has something to show. */
-function panels(root, names, draw) {
+/** One labelled canvas for each name that has something to show. */
+function panels(root, names, draw, title = (name) => `Scenario ${name}`) {
   for (const canvas of root.querySelectorAll("canvas")) {
     if (drawn.has(canvas)) drawn.get(canvas).destroy();
     drawn.delete(canvas);
   }
   root.replaceChildren();
   if (!names.length) root.append(make("p", { class: "empty" }, "Nothing to show for these filters."));
-  for (const name of names) {
-    const canvas = make("canvas", { role: "img" });
-    root.append(make("figure", {}, make("figcaption", {}, `Scenario ${name}`), make("div", { class: "canvas" }, canvas)));
-    canvas.setAttribute("aria-label", draw(canvas, name));
-  }
+  // All of them take their places before the first is drawn: a chart has the size of its place.
+  const canvases = names.map(() => make("canvas", { role: "img" }));
+  root.append(...names.map((name, k) => make("figure", {}, make("figcaption", {}, title(name)), make("div", { class: "canvas" }, canvases[k]))));
+  names.forEach((name, k) => canvases[k].setAttribute("aria-label", draw(canvases[k], name)));
 }
 
 /** Interval of each point, as a bar through it. */
@@ -72,7 +71,7 @@ function paretoChart(canvas, rows) {
   const points = rows.map((row) => ({
     type: "scatter", data: [place(row)], bars: [[row.collision_seeds_low, row.collision_seeds_high]], label: row.method,
     borderColor: Style.colour(row.method), backgroundColor: faded(Style.colour(row.method), 0.65),
-    pointStyle: Style.mark(row.method), radius: 7, hoverRadius: 10, borderWidth: 2,
+    pointStyle: Style.mark(row.method), radius: 7, hoverRadius: 10, borderWidth: 2, clip: false,
   }));
   const best = front(rows);
   chart(canvas, {
@@ -83,7 +82,7 @@ function paretoChart(canvas, rows) {
       plugins: {
         legend: { display: false },
         tooltip: { filter: (item) => item.dataset.label !== "front", callbacks: {
-          label: ({ raw }) => `${raw.row.method}: ${raw.row.collision_text}, ${decimals(raw.row.speed_mps, 2)} m/s`,
+          label: ({ raw }) => `${raw.row.method}: ${counted(raw.row.collision_text)}, ${decimals(raw.row.speed_mps, 2)} m/s`,
           afterLabel: ({ raw }) => `${whole(raw.row.steps)} steps, ${raw.row.seeds} seed${raw.row.seeds === 1 ? "" : "s"}` } },
       },
       scales: {

@@ -21,6 +21,10 @@ const percent = (value, places = 2) => (value === null || value === undefined ? 
 const whole = (value) => (value === null || value === undefined ? NONE : value.toLocaleString("en-US"));
 const unique = (values) => [...new Set(values)].sort();
 
+/** A name that may break after its punctuation, not within a word. */
+const named = (name) => make("span", { class: "name" }, ...name.split(/(?<=[+:,=])/).flatMap((part, k) => (k ? [make("wbr"), part] : [part])));
+const counted = (text) => text.replaceAll("<=", "≤");
+
 /** A box that scrolls sideways, by keyboard too. */
 const scroller = (name, child) => make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": name }, child);
 

@@ -30,7 +30,11 @@ redraws.push(setUpPareto(), setUpCurves());
 setUpTables();
 setUpClaims();
 setUpRuns();
-setUpPairs();
+// The first pair takes its place a moment later: a section that was asked for has then moved.
+setUpPairs().then(() => {
+  const wanted = byId(location.hash.slice(1));
+  if (wanted && byId("run").hidden) wanted.scrollIntoView({ behavior: "instant" });
+});
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (byId("run").hidden ? redraws.forEach((draw) => draw()) : route()));
 window.addEventListener("hashchange", route);
 route();

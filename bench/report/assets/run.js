@@ -2,7 +2,7 @@
 
 const STAGE_NAMES = { T: "Training (T)", A: "Application (A)" };
 const STAGE_ROWS = [
-  ["collisions", (s) => s.collision_text || NONE], ["finished episodes", (s) => whole(s.episodes)], ["mean speed", (s) => `${decimals(s.speed_mps, 2)} m/s`],
+  ["collisions", (s) => counted(s.collision_text || NONE)], ["finished episodes", (s) => whole(s.episodes)], ["mean speed", (s) => `${decimals(s.speed_mps, 2)} m/s`],
   ["interventions", (s) => percent(s.intervention_ratio)], ["actions really changed", (s) => percent(s.altered_share)], ["return without r_risk", (s) => decimals(s.return_without_risk, 1)],
   ["episode cost", (s) => decimals(s.episode_cost, 4)], ["reached the goal", (s) => percent(s.goal)], ["off the road", (s) => percent(s.off_road)], ["timed out", (s) => percent(s.time_out)],
   ["least TTC, median", (s) => `${decimals(s.ttc_min_median_s, 2)} s`], ["time inside S_safe", (s) => percent(s.inside_safe_gap)], ["time below 1.5 s TTC", (s) => percent(s.low_ttc)],
@@ -54,14 +54,7 @@ function runReplays(run) {
 function runCurves(run) {
   const root = make("section", { "aria-labelledby": "curve-title" }, make("h2", { id: "curve-title" }, "Learning curve"), make("div", { class: "charts small" }));
   if (!run.curve) return null;
-  const draw = () => {
-    root.lastChild.replaceChildren();
-    for (const metric of Object.keys(METRICS)) {
-      const canvas = make("canvas", { role: "img" });
-      root.lastChild.append(make("figure", {}, make("figcaption", {}, METRICS[metric][0]), make("div", { class: "canvas" }, canvas)));
-      canvas.setAttribute("aria-label", curveChart(canvas, [[run]], metric));
-    }
-  };
+  const draw = () => panels(root.lastChild, Object.keys(METRICS), (canvas, metric) => curveChart(canvas, [[run]], metric), (metric) => METRICS[metric][0]);
   return { root, draw };
 }
 

@@ -25,12 +25,13 @@ function setUpSummary() {
     ["scenarios", whole(SCENARIOS.length)],
     ["held-out episodes driven", whole(sum(applied, "episodes"))],
     ["hours driven", whole(Math.round(sum(applied, "hours") + sum(trained, "hours")))],
-    ["claims reproduced, not, open", `${count("reproduced")}, ${count("not reproduced")}, ${count("undecided")}`],
+    ["claims reproduced / not / undecided", `${count("reproduced")} / ${count("not reproduced")} / ${count("undecided")}`],
   ];
   byId("summary").append(...tiles.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
 }
 
-function setUpPairs() {
+/** Resolves once the first pair has taken its place. */
+async function setUpPairs() {
   const pairs = episodes().pairs.filter((pair) =>
     [pair.first, pair.second].every((id) => episodes().runs[id].episodes.some((one) => one.number === pair.number)));
   if (!pairs.length) {
@@ -48,7 +49,7 @@ function setUpPairs() {
     player.seek(Math.max(0, (first.closest ?? first.steps) - 30));
   };
   byId("pair").append(make("div", { class: "choices", role: "group", "aria-label": "Pairs of runs" }, ...buttons), stage);
-  choose(pairs[pairs.length - 1]);
+  return choose(pairs[pairs.length - 1]);
 }
 
 function setUpTables() {
@@ -67,7 +68,7 @@ function setUpTables() {
 }
 
 function ourCell(cell) {
-  const [head, ...rest] = cell.ours.split(" (");
+  const [head, ...rest] = counted(cell.ours).split(" (");
   return make("td", { class: "number" }, cell.ours ? head : NONE, rest.length ? make("span", { class: "bracket" }, `(${rest.join(" (")}`) : null,
     cell.note ? make("sup", {}, `[${cell.note}]`) : null);
 }

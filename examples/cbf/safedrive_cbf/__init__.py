@@ -1,0 +1,1 @@
+"""A method, a guard and a scenario for safedrive-bench, from outside."""

@@ -1,0 +1,152 @@
+"""Whatever goes wrong with one run, it is a row with its reason, and nothing that was done is changed."""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from algorithms.registry import get_method
+from bench import atomic, sweep
+from bench.display import Silent
+from bench.errors import AlreadyDoneError, LockedError, RecordError, RunFailedError
+from bench.executors import LocalExecutor
+from bench.lock import RunLock
+from bench.progress import Phase
+from bench.records import collect, read_record
+from bench.runner import run
+from bench.spec import RunSpec
+from bench.store import State, Store
+from tests.bench.killing import differences
+
+Make = Callable[..., RunSpec]
+MakeRecord = Callable[..., Path]
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+class FullDisk:
+    """The n-th call of os.fsync, os.replace or os.rename, and all that follow it, fail."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, fails_from: int) -> None:
+        self.calls, self._fails_from = 0, fails_from
+        for name in ("fsync", "replace", "rename"):
+            patch.setattr(os, name, self._failing(getattr(os, name)))
+
+    def _failing(self, real: Callable[..., None]) -> Callable[..., None]:
+        def call(*arguments: object) -> None:
+            self.calls += 1
+            if self.calls >= self._fails_from:
+                raise OSError(28, "No space left on device")
+            real(*arguments)
+
+        return call
+
+
+def _on_a_full_disk(spec: RunSpec, results: Path, fails_from: int) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        disk = FullDisk(patch, fails_from)
+        with contextlib.suppress(RunFailedError):
+            run(spec, results)
+        return disk.calls
+
+
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 6])
+def test_a_disk_that_is_full_from_any_write_on_costs_one_run_and_no_record(
+    fakes: Path, tmp_path: Path, make_spec: Make, every: int
+) -> None:
+    whole = run(make_spec(), tmp_path / "whole")
+    calls = _on_a_full_disk(make_spec(seed=9), tmp_path / "count", 10**6)
+    done = run(make_spec(seed=1), tmp_path / "disk").path
+    before = content(done)
+    for n in range(1, calls + 1, every):
+        results = tmp_path / "disk"
+        _on_a_full_disk(make_spec(), results, n)
+        assert content(done) == before
+        assert not list(results.rglob(f"{atomic.TEMPORARY}*"))
+        try:
+            again = run(make_spec(), results)  # the disk has space again
+        except AlreadyDoneError:
+            assert n == calls, "only the last sync comes after DONE"
+            again = read_record(Store(results).folder(make_spec()))
+        assert differences(again, whole) == []
+        for path in sorted(again.path.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() else path.unlink()
+
+
+def test_a_run_beyond_its_memory_limit_fails_alone(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    done = run(make_spec(seed=1), tmp_path).path
+    before = content(done)
+    specs = [make_spec(method="fake-hungry"), make_spec(seed=1), make_spec(seed=2)]
+    board = sweep.plan(specs, tmp_path, workers=1)
+    sweep.execute(board, LocalExecutor(tmp_path, 1), Silent(board))
+    assert [status.phase for status in board.runs] == [Phase.FAILED, Phase.SKIPPED, Phase.DONE]
+    failure = Store(tmp_path).failure(specs[0])
+    assert failure is not None
+    assert (failure.stage, failure.step) == ("train", 240)
+    assert "MemoryError" in failure.reason
+    assert content(done) == before
+
+
+def test_a_learner_whose_numbers_blow_up_stops_with_the_step(tmp_path: Path, make_spec: Make) -> None:
+    settings = {"learning_rate": "1e30", "warm_up": "160"}
+    spec = make_spec(method="sac", method_version=get_method("sac").version, steps=4_000, settings=settings)
+    with pytest.raises(RunFailedError, match=r"step \d+ \(train\)"):
+        run(spec, tmp_path)
+    failure = Store(tmp_path).failure(spec)
+    assert failure is not None
+    assert 0 < failure.step < 4_000
+    assert "nan" in failure.reason.lower() or "inf" in failure.reason.lower()
+    assert Store(tmp_path).state(spec) is State.FAILED
+
+
+def test_a_table_that_became_unreadable_is_refused_and_its_neighbours_are_not(
+    tmp_path: Path, make_record: MakeRecord
+) -> None:
+    bad, good = make_record(tmp_path), make_record(tmp_path, seed=1)
+    table = bad / "eval_episodes.parquet"
+    table.write_bytes(table.read_bytes()[::-1])
+    with pytest.raises(RecordError, match=r"eval_episodes\.parquet is not what was sealed"):
+        read_record(bad).eval_episodes()
+    assert read_record(good).eval_episodes().num_rows == 20
+    assert len(collect(tmp_path).records) == 2
+
+
+def test_two_writers_of_one_run_are_one_and_a_refusal_whatever_the_clock_says(
+    fakes: Path, tmp_path: Path, make_spec: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.time()
+    with Store(tmp_path).begin(make_spec()) as folder:
+        for jump_s in (0.0, 7 * 86_400.0, -7 * 86_400.0):
+            monkeypatch.setattr(time, "time", lambda jump_s=jump_s: now + jump_s)
+            with pytest.raises(LockedError, match=f"process {os.getpid()}"):
+                run(make_spec(), tmp_path)
+            with pytest.raises(LockedError), RunLock(folder.path):
+                pass
+        assert Store(tmp_path).state(make_spec()) is State.RUNNING
+    run(make_spec(), tmp_path)
+
+
+def test_durations_do_not_follow_a_clock_that_is_set(
+    fakes: Path, tmp_path: Path, make_spec: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = iter(range(10**9, 0, -(10**6)))
+    monkeypatch.setattr(time, "time", lambda: float(next(times)))
+    record = run(make_spec(), tmp_path)
+    seconds = [at for _, at in record.details["timeline"]]
+    assert seconds == sorted(seconds)
+    assert all(0.0 <= timing["wall_s"] < 3600.0 for timing in record.details["timing"].values())
+
+
+def test_a_run_that_is_done_stays_whatever_is_asked_of_it(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    record = run(make_spec(), tmp_path)
+    before = content(record.path)
+    with pytest.raises(AlreadyDoneError):
+        run(make_spec(), tmp_path)
+    board = sweep.plan([make_spec()], tmp_path, workers=1, retry_failed=True)
+    sweep.execute(board, LocalExecutor(tmp_path, 1), Silent(board))
+    assert content(record.path) == before
