@@ -53,16 +53,29 @@ class LocalExecutor:
         self._context = multiprocessing.get_context("spawn")
         self._pool: list[_Worker] = []
 
+    @contextlib.contextmanager
+    def ready(self) -> Iterator[None]:
+        """Start the workers: they load their packages, seconds long, while the caller finds out what to run."""
+        try:
+            self._fill(self.workers)
+            yield
+        finally:
+            self._stop()
+
+    def _fill(self, count: int) -> None:
+        missing = count - len(self._pool)
+        if missing > 0:
+            self._pool += [self._start(core) for core in self._cores(count)[-missing:]]
+
     def execute(self, board: Board, display: Display) -> None:
         """Run every queued run of the board to its end.
 
         Raises:
-            KeyboardInterrupt: Ctrl-C; the workers have stopped, their runs are as if never begun.
+            KeyboardInterrupt: Ctrl-C; the workers have stopped, their runs go on where they were.
         """
         queue = deque(run for run in board.runs if run.phase is Phase.QUEUED)
         try:
-            for core in self._cores(min(self.workers, len(queue))):
-                self._pool.append(self._start(core))
+            self._fill(min(self.workers, len(queue)))
             while queue or any(member.run for member in self._pool):
                 self._hand_out(queue, display)
                 self._listen(display)
@@ -145,11 +158,10 @@ class LocalExecutor:
             self._store.fail(run.spec, Failure("worker", step, reason))
 
     def _stop(self) -> None:
-        """End all workers: idle ones at once, busy ones by SIGTERM, deaf ones by SIGKILL."""
+        """End all workers: by SIGTERM, deaf ones by SIGKILL."""
         with _deaf_to_interrupts():
             for member in self._pool:
-                if member.run is not None:
-                    member.process.terminate()
+                member.process.terminate()
                 member.pipe.close()
             deadline = time.monotonic() + STOP_S
             for member in self._pool:

@@ -54,6 +54,9 @@ class StressCase:
         return wanted.pop("episodes") <= record["episodes"] and wanted.items() <= record.items()
 
 
+HEAD: Final = ("scenario", "T_c", "driver", "guard", "collisions", "at fault", "with", "flagged", "speed", "episodes")
+SHOWN: Final = 3
+"""Episodes with a collision that a table names."""
 _PRINTED: Final = GuardOptions(True, True, True, True, False, False, False, False)
 _ABLATION: Final = (
     DEFAULTS,
@@ -137,8 +140,7 @@ def command(results: Path, only: str | None, episodes: int | None, agent_steps: 
 
 def table(folder: Path, name: str) -> str:
     """A set's records as a Markdown table."""
-    head = ["scenario", "T_c", "driver", "guard", "collisions", "ego at fault", "with", "interventions", "speed"]
-    rows = [head, ["---"] * len(head), *map(_row, read_records(folder / f"{name}.json"))]
+    rows = [HEAD, ["---"] * len(HEAD), *map(_row, read_records(folder / f"{name}.json"))]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
@@ -156,8 +158,9 @@ def _row(record: dict[str, Any]) -> list[str]:
         format_rate(exact_rate(record["collisions"], n)),
         format_rate(exact_rate(record["ego_at_fault"], n)),
         kinds or "-",
-        f"{record['intervention_ratio']:.1%}",
+        f"{100.0 * record['intervention_ratio']:.1f} %",
         f"{record['mean_speed_mps']:.2f} m/s",
+        ", ".join(map(str, record["worst"][:SHOWN])) if record["collisions"] else "-",
     ]
 
 

@@ -146,8 +146,7 @@ def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
         else:
             methods.setdefault(method.spec, method)
     if not methods:
-        reasons = "; ".join(f"{name!r}: {reason}" for name, reason in unavailable.items())
-        raise UsageError(f"No method of {text!r} can be used here: {reasons}")
+        raise UsageError("; ".join(f"Method {name!r} cannot be used here: {why}" for name, why in unavailable.items()))
     return list(methods.values()), unavailable
 
 

@@ -12,6 +12,7 @@ import logging
 import os
 import time
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,6 +62,14 @@ class RayExecutor:
         self.places: dict[str, str] = {}
         self._running: dict[Any, RunStatus] = {}
         self._attempts: dict[str, int] = {}
+
+    @contextlib.contextmanager
+    def ready(self) -> Iterator[None]:
+        """The cluster is there; it is left afterwards."""
+        try:
+            yield
+        finally:
+            self._ray.shutdown()
 
     def execute(self, board: Board, display: Display) -> None:
         """Run every queued run of the board to its end.
@@ -137,7 +146,7 @@ class RayExecutor:
             self._store.fail(run.spec, Failure("worker", step, run.reason))
 
     def _stop(self) -> None:
-        """Cancel what still runs, and leave the cluster; one that was started here ends."""
+        """Cancel what still runs."""
         tasks = list(self._running)
         for force in (False, True):
             for task in tasks:
@@ -146,7 +155,6 @@ class RayExecutor:
             if tasks:
                 _, tasks = self._ray.wait(tasks, num_returns=len(tasks), timeout=STOP_S)
         self._running.clear()
-        self._ray.shutdown()
 
 
 class Mailbox:

@@ -55,8 +55,13 @@ class Options:
 
 def run(request: Request, options: Options) -> int:
     """Run a request and print its table; the exit code."""
-    expansion = expand(request)
     executor = options.make_executor()
+    with executor.ready():
+        return _run(request, options, executor)
+
+
+def _run(request: Request, options: Options, executor: LocalExecutor | RayExecutor) -> int:
+    expansion = expand(request)
     board = sweep.plan(expansion.specs, options.results, executor.workers, options.retry_failed)
     _name_unavailable(expansion.unavailable)
     try:

@@ -35,6 +35,7 @@ STRESS_DRIVERS: Final = (RANDOM, CRUISE, FULL_THROTTLE, FULL_THROTTLE_LANE_CHANG
 WISH_S: Final = 3.0
 """How long `full-throttle-lane-change` holds one wish: a lane to the right, stay, a lane to the left."""
 
+OPTION_NAMES: Final = tuple(field.name for field in dataclasses.fields(GuardOptions))
 ShieldFactory = Callable[[Scenario], Shield]
 
 BATCH: Final = 16 * CHUNK
@@ -161,12 +162,11 @@ def parse_options(settings: Sequence[str]) -> GuardOptions:
     Raises:
         ValueError: An option is unknown, or its value neither true nor false.
     """
-    known = [field.name for field in dataclasses.fields(GuardOptions)]
     changes = {}
     for item in settings:
         key, _, text = item.partition("=")
-        if key not in known:
-            raise UnknownNameError("guard option", key, known)
+        if key not in OPTION_NAMES:
+            raise UnknownNameError("guard option", key, list(OPTION_NAMES))
         if text not in ("true", "false"):
             raise ValueError(f"Guard option {item!r}: expected {key}=true or {key}=false.")
         changes[key] = text == "true"

@@ -38,9 +38,15 @@ def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
         for column in (0, 1):
             axes[row, column].set_xlim(left=0.0)
     axes[1, 0].set_ylim(bottom=-2.0)
-    axes[0, 0].set_title(f"Scenario {scenario}, training: mean and range of the seeds", loc="left")
+    axes[0, 0].set_title(f"Scenario {scenario}, training: {_seeds(shown)}", loc="left")
     style.legend(figure, [runs.method for runs in shown])
     return figure
+
+
+def _seeds(shown: Sequence[Runs]) -> str:
+    """What lines and bands are."""
+    most = max(len(runs.records) for runs in shown)
+    return "one seed" if most == 1 else f"mean and range of up to {most} seeds"
 
 
 def _band(axes: Axes, method: str, x: Array, values: Array) -> None:

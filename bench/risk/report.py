@@ -90,7 +90,7 @@ def as_markdown(found: dict[str, Any]) -> str:
         "",
         f"Driving agent of {found['agent_steps']:,} steps (`{found['agent']}`), {found['scenes']:,} scenes of "
         f"{found['episodes']:,} own episodes in randomised traffic that no model was trained on; contact within "
-        f"{found['contact_within_s']:.0f} s follows {found['contact_rate']:.1%} of them. Written by "
+        f"{found['contact_within_s']:.0f} s follows {100.0 * found['contact_rate']:.1f} % of them. Written by "
         f"`bench risk report --scenario {found['scenario'].rpartition('-v')[0]} --agent-steps {found['agent_steps']}`.",
         "",
         f"T_c of the agent: mean {tc['mean']:.2f} s, sd {tc['sd']:.2f} s, quartiles {tc['quantiles']['0.25']:.2f}, "

@@ -1,18 +1,21 @@
 """DD-RQ, the fixed guard and the controls as methods."""
 
 import json
+import math
 
 import numpy as np
 import pytest
+import torch
 
 from algorithms.artefacts import cached
 from algorithms.dd_rq import RiskGuard
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
-from algorithms.risk_model import RiskOutput
+from algorithms.risk_model import RiskArchitecture, RiskModel, RiskModelFileError, RiskNetwork, RiskOutput
 from envs.driving_env import DrivingVectorEnv
 from envs.observation import decode
 from envs.scenario import get_scenario
+from envs.world import empty_world
 
 
 class Model:
@@ -71,6 +74,39 @@ def test_importance_reaches_the_object_that_its_slot_shows():
     shown = decode(observations).vehicle_ds[:, 0]
     expected = np.take_along_axis(env.world.vehicles["s"], nearest[:, None], 1)[:, 0] - env.world.ego["s"]
     assert shown == pytest.approx(expected, abs=1e-4)
+
+
+def test_an_empty_world_passes_the_action_through_a_guard_with_a_risk_model():
+    torch.manual_seed(0)
+    size = RiskArchitecture()
+    guard = RiskGuard(RiskModel(RiskNetwork(size), size, {}))
+    world, observations = empty_world(2, 5, 3), np.zeros((2, 47), np.float32)
+    guard.observe(observations)
+    targets, accelerations = np.array([3.5, -1.0]), np.array([1.7, -2.0])
+    executed = guard.filter(world, targets, accelerations)
+    assert np.array_equal(executed[0], targets)
+    assert np.array_equal(executed[1], accelerations)
+    assert not executed[2].any()
+
+
+def test_a_risk_model_that_gives_no_number_is_named_with_the_world():
+    guard = RiskGuard(Model(math.nan))
+    env, _ = observed(guard)
+    with pytest.raises(ValueError, match=r"T_c = nan s in world 0"):
+        guard.filter(env.world, np.zeros(4), np.zeros(4))
+
+
+def test_a_policy_of_another_scenario_version_or_layout_is_refused_by_name(tmp_path):
+    size = RiskArchitecture()
+    RiskModel(RiskNetwork(size), size, {"scenario": "a-v0"}).save(tmp_path)
+    task = Task(get_scenario("a"), 0, Budget(1600))
+    for spec in ("dd-rq", "dd-rq-plus"):
+        with pytest.raises(RiskModelFileError, match=r"'a-v0'.*'a-v1'"):
+            get_method(spec).load_policy(tmp_path, task)
+    text = json.loads((tmp_path / "risk.json").read_text())
+    (tmp_path / "risk.json").write_text(json.dumps(text | {"layout_version": 0}))
+    with pytest.raises(RiskModelFileError, match="state layout 0"):
+        get_method("dd-rq").load_policy(tmp_path, task)
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,18 @@ def test_without_the_braking_reserve_the_adversary_reaches_the_pedestrian():
     assert against_adversary(game, tc, STEPS, options=GuardOptions(reserve=False)).touched_ahead > 0
 
 
+@pytest.mark.parametrize(
+    ("tc", "reserve", "touched"), [(5.0, False, 1), (7.0, False, 1), (3.0, False, 0), (7.0, True, 0)]
+)
+def test_at_a_long_adjustment_time_the_printed_rule_does_not_stop_in_time(tc, reserve, touched):
+    # 13.89 m/s, S_safe = 50 m before a man who stands in the lane, full throttle: contact at 0.8 (5 s), 2.0 m/s (7 s).
+    game = facing(*(np.array([value]) for value in (0.0, 13.89, 3.6 * 13.89, 0.0)), None)
+    guard = GuardOfMany(np.array([tc]), GuardOptions(reserve=reserve))
+    for _ in range(200):
+        game.step(guard, np.zeros(1), np.full(1, 2.0))
+    assert game.touched_ahead == touched
+
+
 actions = st.lists(st.tuples(st.floats(-4.25, 4.25), st.floats(-2.0, 2.0), st.integers(1, 15)), min_size=1, max_size=12)
 
 

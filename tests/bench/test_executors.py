@@ -1,6 +1,8 @@
 """Runs on worker processes: none stops another, not even by dying; Ctrl-C stops all at once and cleanly."""
 
+import contextlib
 import io
+import json
 import os
 import signal
 import subprocess
@@ -15,7 +17,7 @@ from rich.console import Console
 
 from bench import sweep
 from bench.display import Lines, LiveTable, Silent
-from bench.errors import LockedError
+from bench.errors import LockedError, UsageError
 from bench.executors import LocalExecutor, death
 from bench.lock import LOCK_NAME
 from bench.progress import Board, Phase, RunStatus, duration
@@ -152,3 +154,24 @@ def test_the_death_of_a_process_is_described(code: int, text: str) -> None:
 @pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")])
 def test_durations_are_readable(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+@pytest.mark.slow
+def test_a_sweep_of_24_runs_on_two_cores_takes_at_most_1_15_times_the_ideal_split(tmp_path: Path) -> None:
+    start = time.monotonic()
+    process = _bench(tmp_path, "--algo", "sac", "--protocol", "smoke", "--seeds", "24", "--workers", "2", "--json")
+    out, err = process.communicate(timeout=3600)
+    wall = time.monotonic() - start
+    assert process.returncode == 0, err
+    runs = json.loads(out)["runs"]
+    assert [run["state"] for run in runs] == ["done"] * 24
+    assert wall <= 1.15 * sum(run["seconds"] for run in runs) / 2
+
+
+def test_workers_that_wait_for_the_request_stop_with_it(tmp_path: Path) -> None:
+    executor = LocalExecutor(tmp_path, 2)
+    with contextlib.suppress(UsageError), executor.ready():
+        waiting = [member.process for member in executor._pool]
+        raise UsageError("nothing to run")
+    assert len(waiting) == 2
+    assert not any(process.is_alive() for process in waiting)

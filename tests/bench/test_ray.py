@@ -78,7 +78,8 @@ def test_a_killed_node_of_two_loses_nothing_ray(cluster: Any, tmp_path: Path, ma
     assert executor.workers == 2
     board = sweep.plan(specs, tmp_path / "ray", executor.workers)
     killer = Killer(board, executor, lambda: cluster.remove_node(second, allow_graceful=False), second.node_id)
-    sweep.execute(board, executor, killer)
+    with executor.ready():
+        sweep.execute(board, executor, killer)
     assert killer.killed is not None
     assert [(status.phase, status.reason) for status in board.runs] == [(Phase.DONE, "")] * 3
     victim = next(spec for spec in specs if spec.folder_name == killer.killed)
@@ -97,7 +98,7 @@ def test_a_failing_a_dying_and_a_locked_run_stop_nobody_kill_ray(fakes: Path, tm
     locked = make_spec(seed=1)
     executor = RayExecutor(tmp_path, workers=1)
     board = sweep.plan([dying, failing, locked, last], tmp_path, 1)
-    with Store(tmp_path).begin(locked):
+    with executor.ready(), Store(tmp_path).begin(locked):
         sweep.execute(board, executor, Silent(board))
     assert [status.phase for status in board.runs] == [Phase.FAILED, Phase.FAILED, Phase.ELSEWHERE, Phase.DONE]
     assert "step 240 (train): RuntimeError: the learner tripped" in board.runs[1].reason

@@ -14,6 +14,7 @@ from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from bench import figures_guard
 from bench.cli import app
 from bench.errors import UsageError
+from bench.replay.stressed import parse_name, replay_named
 from bench.stress import parse_options, replay_stress, stress_guard
 from envs.world import Ending
 
@@ -47,6 +48,10 @@ def test_a_collision_comes_back_in_its_replay():
     trace = replay_stress("b", 7.0, "full-throttle-lane-change", found.worst[0], BARE)
     assert trace.number == found.worst[0]
     assert trace.episode["ending"][-1] == Ending.COLLISION
+    off = ":".join(f"{field.name}=false" for field in dataclasses.fields(GuardOptions) if field.default)
+    named = parse_name(f"stress:b:tc=7.0:driver=full-throttle-lane-change:{off}")
+    again = replay_named(named, found.worst[:1], Path())[0].trace
+    assert again.ego.tobytes() == trace.ego.tobytes()
 
 
 def test_no_figure_depends_on_how_many_worlds_are_driven_at_a_time_with_a_risk_model_either():
@@ -103,12 +108,13 @@ def test_a_table_names_what_was_changed_and_whom_the_ego_met(tmp_path):
     record = {
         "scenario": "b-v1", "tc": 7.0, "driver": "random", "episodes": 1000, "collisions": 3, "ego_at_fault": 0,
         "pedestrian": 2, "ahead": 0, "side": 1, "rear_ended": 0, "intervention_ratio": 0.125, "mean_speed_mps": 5.0,
+        "worst": [4, 71, 90, 200],
         "options": dataclasses.asdict(GuardOptions(reserve=False)),
     }  # fmt: skip
     (tmp_path / "some.json").write_text(json.dumps(record) + "\n")
     assert figures_guard.table(tmp_path, "some").splitlines()[2] == (
         "| b-v1 | 7 s | random | `reserve=false` | 3/1000 = 0.30 % (0.062 to 0.87) | 0/1000 (<= 0.30 %) "
-        "| pedestrian 2, side 1 | 12.5% | 5.00 m/s |"
+        "| pedestrian 2, side 1 | 12.5 % | 5.00 m/s | 4, 71, 90 |"
     )
 
 
