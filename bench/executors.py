@@ -52,14 +52,12 @@ class LocalExecutor:
         self._results = results
         self._store = Store(results)
         self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(["bench.preload"])
         self._pool: list[_Worker] = []
 
     @contextlib.contextmanager
     def ready(self) -> Iterator[None]:
-        """Start what workers are forked from: it imports their packages while the caller finds out what to run."""
-        with one_thread(), _deaf_to_interrupts():
-            forkserver.ensure_running()
+        """Start what workers are forked from, while the caller finds out what to run."""
+        warm_up()
         yield
 
     def _fill(self, count: int) -> None:
@@ -75,6 +73,7 @@ class LocalExecutor:
         """
         queue = deque(run for run in board.runs if run.phase is Phase.QUEUED)
         try:
+            warm_up()
             self._fill(min(self.workers, len(queue)))
             while queue or any(member.run for member in self._pool):
                 self._hand_out(queue, display)
@@ -172,6 +171,13 @@ class LocalExecutor:
             self._pool.clear()
             with contextlib.suppress(OSError):  # it stays while it holds a log
                 (self._results / worker.LOGS).rmdir()
+
+
+def warm_up() -> None:
+    """Start the process that workers are forked from: it imports their packages, seconds long, on its own."""
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["bench.preload"])
+    with one_thread(), _deaf_to_interrupts():
+        forkserver.ensure_running()
 
 
 def death(exit_code: int | None) -> str:
