@@ -44,11 +44,11 @@ def test_a_part_does_not_count_what_the_parts_inside_it_spend(clock):
 def test_what_was_timed_is_given_back_also_after_an_error(clock):
     class Engine:
         def step(self):
-            raise ValueError
+            raise ValueError("broken")
 
     original = Engine.step
     watch = Stopwatch(_since=0.0)
-    with pytest.raises(ValueError, match=""), watch.timed(Engine, "step", ENGINE):
+    with pytest.raises(ValueError, match="broken"), watch.timed(Engine, "step", ENGINE):
         Engine().step()
     assert Engine.step is original
     clock(5.0)
