@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from bench.protocols import Request
-from bench.speed_protocol import ENGINE, GUARD, OTHER, POLICY, Stopwatch, protocol
+from bench.speed.protocol import ENGINE, GUARD, OTHER, POLICY, Stopwatch, protocol
 
 
 @pytest.fixture
