@@ -54,7 +54,7 @@ def _section(name: str, command: Any) -> str:
     parts = [f"## {name}", " ".join(first.split()), " ".join(rest.split()), f"```text\n{usage}\n```"]
     rows = [_row(*parameter.get_help_record(context)) for parameter in command.params if not parameter.hidden]
     if rows:
-        parts.append("| argument or option | meaning | |\n|---|---|---|\n" + "\n".join(rows))
+        parts.append("| argument or option | meaning | default, range |\n|---|---|---|\n" + "\n".join(rows))
     return "\n\n".join(part for part in parts if part)
 
 
