@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -65,7 +65,10 @@ class _Curve:
 
 
 def driving_agent(
-    spec: DrivingAgentSpec, cache: Path, progress: Progress = lambda _steps, _scalars: None
+    spec: DrivingAgentSpec,
+    cache: Path,
+    progress: Progress = lambda _steps, _scalars: None,
+    waiting: Callable[[], None] = lambda: None,
 ) -> NetworkPolicy:
     """The trained agent, from the cache or trained now; ``agent.json`` beside it keeps the learning curve.
 
@@ -84,6 +87,6 @@ def driving_agent(
         description = {"spec": asdict(spec), "scenario": scenario.id, "version": VERSION, "curve": curve.points}
         (folder / "agent.json").write_text(json.dumps(description, indent=1, sort_keys=True) + "\n")
 
-    built = cached(cache / spec.key, build)
+    built = cached(cache / spec.key, build, waiting)
     checkpoints.clear()
     return NetworkPolicy.load(built)

@@ -100,7 +100,7 @@ def lean_step(
 
 def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor:
     """A network's output, its layers called directly."""
-    for layer in network._modules.values():
+    for layer in network:
         if isinstance(layer, torch.nn.Linear):
             values = torch.nn.functional.linear(values, layer.weight, layer.bias)
         elif isinstance(layer, torch.nn.ReLU):

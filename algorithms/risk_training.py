@@ -230,7 +230,12 @@ def risk_model(
     identity = {"agent": spec.key, **asdict(chosen), **asdict(architecture), "version": VERSION}
 
     def build(folder: Path) -> None:
-        agent = driving_agent(spec, cache, lambda steps, _: making("driving agent", steps, spec.steps))
+        agent = driving_agent(
+            spec,
+            cache,
+            lambda steps, _: making("driving agent", steps, spec.steps),
+            lambda: making("waiting for driving agent", 0, 1),
+        )
         making("risk model", 0, chosen.epochs)
         samples = collect(agent, scenario, chosen)
         network, figures = fit(
@@ -239,7 +244,8 @@ def risk_model(
         description = {"scenario": scenario.id, "agent": spec.key, "settings": asdict(chosen), **figures}
         RiskModel(network, architecture, description).save(folder)
 
-    return RiskModel.load(cached(cache / f"risk-model-{digest(identity)}", build), scenario.id)
+    folder = cache / f"risk-model-{digest(identity)}"
+    return RiskModel.load(cached(folder, build, lambda: making("waiting for risk model", 0, 1)), scenario.id)
 
 
 def shuffled_values(model: RiskModel, draws: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -50,17 +51,16 @@ class LocalExecutor:
         self._track = track
         self._results = results
         self._store = Store(results)
-        self._context = multiprocessing.get_context("spawn")
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(["bench.preload"])
         self._pool: list[_Worker] = []
 
     @contextlib.contextmanager
     def ready(self) -> Iterator[None]:
-        """Start the workers: they load their packages, seconds long, while the caller finds out what to run."""
-        try:
-            self._fill(self.workers)
-            yield
-        finally:
-            self._stop()
+        """Start what workers are forked from: it imports their packages while the caller finds out what to run."""
+        with one_thread(), _deaf_to_interrupts():
+            forkserver.ensure_running()
+        yield
 
     def _fill(self, count: int) -> None:
         missing = count - len(self._pool)
@@ -184,7 +184,10 @@ def death(exit_code: int | None) -> str:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for each numerical library of a process started inside: set before it imports them."""
+    """One thread for each numerical library of a process started inside: set before it imports them.
+
+    Workers inherit the environment of the process that they are forked from: as it was when that began.
+    """
     before = {name: os.environ.get(name) for name in worker.ONE_THREAD}
     os.environ.update(dict.fromkeys(worker.ONE_THREAD, "1"))
     try:

@@ -36,19 +36,12 @@ def main(pipe: Connection, results: Path, core: int | None, track: str | None = 
     if core is not None and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {core})
     try:
-        _load()
         _serve(pipe, results, track)
     finally:
         # All locks and files are given back by now; taking down torch would only cost time.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)
-
-
-def _load() -> None:
-    """Import what every run needs, while the executor still prepares; a broken installation fails the first run."""
-    with contextlib.suppress(Exception):
-        from bench import runner, tracking  # noqa: F401
 
 
 def _serve(pipe: Connection, results: Path, track: str | None) -> None:

@@ -1,6 +1,5 @@
 """Runs on worker processes: none stops another, not even by dying; Ctrl-C stops all at once and cleanly."""
 
-import contextlib
 import io
 import json
 import os
@@ -17,7 +16,7 @@ from rich.console import Console
 
 from bench import sweep
 from bench.display import Lines, LiveTable, Silent
-from bench.errors import LockedError, UsageError
+from bench.errors import LockedError
 from bench.executors import LocalExecutor, death
 from bench.lock import LOCK_NAME
 from bench.progress import Board, Phase, RunStatus, duration
@@ -93,11 +92,13 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps
             pass
         start = time.monotonic()
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+        process.wait(timeout=60)
+        seconds = time.monotonic() - start
         _, err = process.communicate(timeout=60)
     finally:
         process.kill()
     # 5 s on a machine that is free; a loaded one is given more here.
-    assert time.monotonic() - start < 15.0
+    assert seconds < 15.0
     assert process.returncode == 130
     assert "stopped with 0 of 3 runs done" in err
     assert "The same command goes on" in err
@@ -166,12 +167,3 @@ def test_a_sweep_of_24_runs_on_two_cores_takes_at_most_1_15_times_the_ideal_spli
     runs = json.loads(out)["runs"]
     assert [run["state"] for run in runs] == ["done"] * 24
     assert wall <= 1.15 * sum(run["seconds"] for run in runs) / 2
-
-
-def test_workers_that_wait_for_the_request_stop_with_it(tmp_path: Path) -> None:
-    executor = LocalExecutor(tmp_path, 2)
-    with contextlib.suppress(UsageError), executor.ready():
-        waiting = [member.process for member in executor._pool]
-        raise UsageError("nothing to run")
-    assert len(waiting) == 2
-    assert not any(process.is_alive() for process in waiting)

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from bench import rerun, store
+from bench.cli import app
 from bench.errors import UsageError
 from bench.records import read_record
 from bench.runner import run
@@ -19,9 +21,11 @@ def test_a_repeated_run_is_identical_and_leaves_the_record_alone(fakes: Path, tm
     record = run(make_spec(), tmp_path)
     before = {path: path.read_bytes() for path in record.path.rglob("*") if path.is_file()}
     found = rerun.find(record.path.name, tmp_path)
-    assert rerun.find(str(record.path), tmp_path / "elsewhere") == found
+    assert rerun.find(str(record.path), tmp_path / "elsewhere").path == found.path
     assert rerun.other_code(found) == []
-    assert rerun.as_values(rerun.repeat(found, tmp_path, quiet=True)) == {"identical": True, "differences": []}
+    done = CliRunner().invoke(app, ["rerun", record.path.name, "--results", str(tmp_path), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"identical": True, "differences": []}
     assert {path: path.read_bytes() for path in record.path.rglob("*") if path.is_file()} == before
     assert rerun.as_text(found, []).endswith("identical, 4 files.")
 
