@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from algorithms.atomic import write_file
 from algorithms.guard_options import GuardOptions
 from algorithms.safety_guard import GUARD_VERSION
 from bench import stress
-from bench.atomic import write_file
 from bench.errors import UsageError
 from bench.statistics import exact_rate, format_rate
 from bench.stress import FULL_THROTTLE_LANE_CHANGE, RANDOM

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from bench import atomic
+from algorithms import atomic
 from bench.records import Record
 from bench.statistics import collisions_per_1000_km, exact_rate, format_rate, seed_rate
 from bench.summary import StageCounts, count_record, pooled

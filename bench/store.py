@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from bench import atomic
+from algorithms import atomic
 from bench.errors import AlreadyDoneError, LockedError, RecordError
 from bench.lock import LOCK_NAME, RunLock, current_owner
 from bench.spec import RunSpec

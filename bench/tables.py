@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from bench import atomic, controls, table_files
+from algorithms import atomic
+from bench import controls, table_files
 from bench.published import TITLES, Figure, read_figures
 from bench.records import Collection
 from bench.selection import Selection, select, tried

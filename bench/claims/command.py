@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from bench import atomic
+from algorithms import atomic
 from bench.claims import rules
 from bench.claims.evidence import TABLE_OF, Evidence
 from bench.claims.verdict import Claim, Part

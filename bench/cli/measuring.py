@@ -23,7 +23,7 @@ def engine(
     as_json: AsJson = False,
 ) -> None:
     """Measure world-steps per second of the engine against highway-env, in this process, on one core."""
-    from bench import speed
+    from bench.speed import engine as speed
     from bench.text import json_text
 
     measured = speed.engine(scenario, worlds, repeats)
@@ -37,11 +37,11 @@ def learner(
     as_json: AsJson = False,
 ) -> None:
     """Measure updates per second of the SAC learner against stable-baselines3's, in this process, on one thread."""
-    from bench import speed_learner
+    from bench.speed import learner as speed
     from bench.text import json_text
 
-    measured = speed_learner.learner(repeats)
-    show(json_text(measured) if as_json else speed_learner.as_text(measured))
+    measured = speed.learner(repeats)
+    show(json_text(measured) if as_json else speed.as_text(measured))
 
 
 @speed_app.command()
@@ -51,11 +51,11 @@ def risk(
     as_json: AsJson = False,
 ) -> None:
     """Measure the risk model's time for the scenes of 64 and 256 worlds, in this process, on one thread."""
-    from bench import speed_risk
+    from bench.speed import risk as speed
     from bench.text import json_text
 
-    measured = speed_risk.risk(repeats)
-    show(json_text(measured) if as_json else speed_risk.as_text(measured))
+    measured = speed.risk(repeats)
+    show(json_text(measured) if as_json else speed.as_text(measured))
 
 
 @risk_app.command()
@@ -136,9 +136,9 @@ def protocol(
     as_json: AsJson = False,
 ) -> None:
     """Measure where the time of a quick run of each method goes: engine, guard, risk model, policy, update, store."""
-    from bench import speed_protocol
     from bench.protocols import Request
+    from bench.speed import protocol as speed
     from bench.text import json_text
 
-    measured = speed_protocol.protocol(Request(algo, scenario, "quick", "1", steps))
-    show(json_text(measured) if as_json else speed_protocol.as_text(measured))
+    measured = speed.protocol(Request(algo, scenario, "quick", "1", steps))
+    show(json_text(measured) if as_json else speed.as_text(measured))

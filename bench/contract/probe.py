@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from algorithms.atomic import files_below
 from algorithms.method import Budget, Method, Policy, Task, seed_sequence
-from bench.atomic import files_below
 from bench.runner import GLOBAL, seed_global_generators
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space
 from envs.layout import EpisodeSource, held_out_source

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from bench import atomic
+from algorithms import atomic
 from bench.replay.held_out import Replay
 from bench.replay.packed import ROAD, packed
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from bench import atomic
+from algorithms import atomic
 from bench.records import Collection
 from bench.replay import page as player
 from bench.replay.packed import ROAD

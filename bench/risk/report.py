@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from algorithms.atomic import write_file
 from algorithms.driving_agent import DrivingAgentSpec, driving_agent
 from algorithms.method import Policy
 from algorithms.risk_model import RiskModel
 from algorithms.risk_training import CONTACT_WITHIN_S, RiskSettings, risk_model
-from bench.atomic import write_file
 from bench.errors import UsageError
 from bench.risk import episodes, figures, measures
 from bench.risk.rollouts import METHODS, Rollouts, roll_out

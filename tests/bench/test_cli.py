@@ -194,8 +194,8 @@ def test_the_doctor_survives_what_it_finds(monkeypatch: pytest.MonkeyPatch, tmp_
 def test_speed_engine_prints_the_names_that_others_rely_on(
     bench: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.speed.MEASURED_S", 0.02)
-    monkeypatch.setattr("bench.speed.ORACLE_S", 0.02)
+    monkeypatch.setattr("bench.speed.engine.MEASURED_S", 0.02)
+    monkeypatch.setattr("bench.speed.engine.ORACLE_S", 0.02)
     result = bench("speed", "engine", "--worlds", "16", "--repeats", "5", "--json")
     assert result.exit_code == 0, result.output
     measured = json.loads(result.stdout)
@@ -209,7 +209,7 @@ def test_speed_engine_prints_the_names_that_others_rely_on(
 
 
 def test_the_meter_counts_only_steps_that_were_simulated() -> None:
-    from bench.speed import Meter
+    from bench.speed.engine import Meter
     from envs.scenario import get_scenario
 
     meter = Meter.build(get_scenario("a"), 8, threads=1)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from algorithms import atomic
 from algorithms.registry import get_method
-from bench import atomic, sweep
+from bench import sweep
 from bench.display import Silent
 from bench.errors import AlreadyDoneError, LockedError, RecordError, RunFailedError
 from bench.executors import LocalExecutor

@@ -105,8 +105,8 @@ def test_an_episode_that_comes_out_otherwise_is_not_drawn_and_it_is_said_why(
     assert said[0].startswith("space-time-a is not drawn: ")
 
 
-def test_a_record_without_a_usable_policy_gives_no_episode(tmp_path: Path, make_record: MakeRecord) -> None:
-    make_record(tmp_path, method="safety-guard", method_version=1, **FULL)
+def test_a_record_whose_policy_was_not_kept_gives_no_episode(tmp_path: Path, make_record: MakeRecord) -> None:
+    shutil.rmtree(make_record(tmp_path, method="safety-guard", method_version=1, **FULL) / "policy")
     assert spacetime.draw("a", runs(collect(tmp_path), "a")) is None
 
 

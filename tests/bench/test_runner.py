@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from algorithms.atomic import files_below
 from algorithms.checkpoints import Interval
 from algorithms.method import Observations, Policy
 from algorithms.registry import get_method
 from bench import store
-from bench.atomic import files_below
 from bench.errors import AlreadyDoneError, RunFailedError
 from bench.evaluate import evaluate
 from bench.records import collect

@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench import atomic, schema, store
+from algorithms import atomic
+from bench import schema, store
 from bench.errors import AlreadyDoneError, LockedError, RecordError
 from bench.lock import LOCK_NAME, SILENT_S, RunLock
 from bench.records import collect, read_record

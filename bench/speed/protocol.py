@@ -109,7 +109,7 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
     """Shares and speed of one run, from an empty cache.
 
     Returns:
-        ``share`` by part, ``steps_per_s`` of training (simulation steps of 0.1 s, a driving agent's included in the
+        ``share`` by part, ``steps_per_s`` of training (simulation steps of 0.1 s; a driving agent counts in the
         time), ``evaluate_s`` for ``eval_episodes``.
     """
     watch = Stopwatch()
@@ -120,8 +120,8 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
     timing = record.details["timing"]
     return {
         "share": watch.shares(),
-        "steps_per_s": spec.steps / timing["train"]["wall_s"] if spec.steps else None,
-        "evaluate_s": timing["evaluate"]["wall_s"],
+        "steps_per_s": spec.steps / timing["train"]["cpu_s"] if spec.steps else None,
+        "evaluate_s": timing["evaluate"]["cpu_s"],
         "eval_episodes": spec.eval_episodes,
         "seconds": sum(watch.seconds.values()),
     }

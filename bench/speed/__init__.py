@@ -1,0 +1,1 @@
+"""What ``bench speed`` measures, one module for each command."""
