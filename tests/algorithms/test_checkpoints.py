@@ -26,8 +26,9 @@ def state(step: int) -> State:
     episodes["steps"] = np.arange(step)
     weights = np.full((3, 2), step, np.float32)
     return State(
-        {"weights": weights}, {"rows": np.arange(2 * step).reshape(step, 2), "episodes": episodes}, {"n": step}
-    )
+        {"weights": weights}, {"rows": np.arange(2 * step).reshape(step, 2), "episodes": episodes}, {"n": step},
+        at="at rest",
+    )  # fmt: skip
 
 
 class Curve:
