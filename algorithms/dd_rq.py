@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -12,7 +13,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
-from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
 from envs.compiled import njit
 from envs.observation import EMPTY, rank_objects
@@ -132,6 +133,10 @@ class FixedGuard(Method):
         require_horizon(self.parameters["tc"])
         require_share(self.parameters["share"])
 
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the learner cannot use."""
+        SACSettings.from_settings(settings)
+
     def train(self, task: Task) -> Policy:
         """Train with the guard between policy and world; r_risk is paid where it intervenes."""
         return train_sac(task, self.shield())
@@ -162,6 +167,10 @@ class DDRQ(Method):
         for key, known in (("tc", TC_SOURCES), ("rq", RQ_SOURCES)):
             if self.parameters[key] not in known:
                 raise ValueError(f"{self.name}:{key} = {self.parameters[key]!r}: must be one of {', '.join(known)}.")
+
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the learner cannot use."""
+        SACSettings.from_settings(settings)
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and risk model, then train behind the guard that they steer."""

@@ -9,6 +9,7 @@ Safety does not rest on RQ: the braking reserve (`algorithms.critical_accelerati
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -20,7 +21,7 @@ from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel
 from algorithms.risk_training import CONTACT, RiskSettings, risk_model, shuffled_values
-from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from algorithms.safety_guard import GUARD_VERSION, require_horizon
 from envs.world import FloatArray, World
 
@@ -84,6 +85,10 @@ class DDRQPlus(Method):
     def shield(self, model: RiskModel) -> ShareGuard:
         """The guard of these parameters."""
         return ShareGuard(model, self.parameters["tc"], self.parameters["share"])
+
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the learner cannot use."""
+        SACSettings.from_settings(settings)
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""

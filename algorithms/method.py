@@ -187,6 +187,9 @@ class Method(ABC):
     defaults: ClassVar[Mapping[str, Any]] = {}
     setting_names: ClassVar[tuple[str, ...]] = ()
 
+    def check_settings(self, settings: Mapping[str, str]) -> None:  # noqa: B027
+        """Raise ValueError where a ``--set`` value cannot be used: called before anything runs."""
+
     def __init__(self, **parameters: Any) -> None:
         """Take parameters over the defaults.
 

@@ -83,6 +83,10 @@ class OnPolicyMethod(Method):
         """Raise `algorithms.registry.UnavailableMethodError` where OmniSafe is not installed."""
         require_omnisafe()
 
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the algorithm cannot use."""
+        settings_of(self.algorithm).with_changes(settings)
+
     def train(self, task: Task) -> Policy:
         """Train on the environment's reward under its cost contract."""
         return train(self.algorithm, task)

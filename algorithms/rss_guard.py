@@ -14,6 +14,7 @@ Source: Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374, Definition
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +24,7 @@ from algorithms.corridor import LATERAL_MARGIN_M, lateral_extent, overlaps, pede
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.rss import gap_needed_ahead, gap_needed_behind, gap_needed_beside
-from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, train_sac
+from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from envs.compiled import njit, njit_inlined
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.motion import ACCELERATION_MIN_MPS2, HORIZON_S
@@ -180,6 +181,10 @@ class RSSGuarded(Method):
 
     version = RSS_VERSION + LEARNER_VERSION
     setting_names = SETTING_NAMES
+
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the learner cannot use."""
+        SACSettings.from_settings(settings)
 
     def train(self, task: Task) -> Policy:
         """Train with the guard between policy and world; r_risk is paid where it intervenes."""

@@ -54,6 +54,12 @@ class SACSettings:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
+        for name, least in (("worlds", 1), ("decisions_per_update", 1), ("batch", 1), ("warm_up", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be at least {least}.")
+        for name, most in (("learning_rate", 1.0), ("tau", 1.0)):
+            if not 0.0 < getattr(self, name) <= most:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be above 0 and at most {most:g}.")
         if self.learner not in LEARNERS:
             raise ValueError(f"learner = {self.learner!r}: must be one of {', '.join(LEARNERS)}.")
         if self.worlds % self.decisions_per_update and self.decisions_per_update % self.worlds:
@@ -178,6 +184,10 @@ class SAC(Method):
     version = LEARNER_VERSION
     defaults: ClassVar[dict[str, Any]] = {}
     setting_names = SETTING_NAMES
+
+    def check_settings(self, settings: Mapping[str, str]) -> None:
+        """Refuse what the learner cannot use."""
+        SACSettings.from_settings(settings)
 
     def train(self, task: Task) -> Policy:
         """Train on the environment's reward."""

@@ -197,7 +197,9 @@ def _spec(method: Method, scenario: Scenario, seed: int, steps: int, episodes: i
             f"--steps {steps} on {scenario.id}: must be a positive multiple of {scenario.substeps}, "
             f"because one decision takes {scenario.substeps} steps of {STEP_S} s; nearest: {nearest}."
         )
+    chosen = settings.methods.get(method.name, {})
     try:
+        method.check_settings(chosen)
         return RunSpec(
             method=method.spec,
             method_version=method.version,
@@ -208,7 +210,10 @@ def _spec(method: Method, scenario: Scenario, seed: int, steps: int, episodes: i
             eval_episodes=episodes,
             cost_limit=settings.cost_limit,
             cost_signal=settings.cost_signal,
-            settings=settings.methods.get(method.name, {}),
+            settings=chosen,
         )
     except ValidationError as error:
-        raise UsageError("; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())) from error
+        reasons = ((".".join(map(str, e["loc"])), e["msg"].removeprefix("Value error, ")) for e in error.errors())
+        raise UsageError("; ".join(f"{name}: {reason}" for name, reason in reasons)) from error
+    except ValueError as error:
+        raise UsageError(f"--set for {method.name}: {error}") from error

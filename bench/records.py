@@ -12,7 +12,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from bench import schema, store
-from bench.errors import RecordError
+from bench.errors import RecordError, UsageError
 from bench.lock import LOCK_NAME
 from bench.spec import RunSpec
 from bench.store import Failure, State, Store
@@ -103,7 +103,10 @@ def read_record(path: Path) -> Record:
     if done.get("hash") != spec.hash or not isinstance(seals, dict):
         raise RecordError(f"{path.name}/DONE belongs to another run: remove the folder and run it again.")
     record = Record(path, spec, details, seals)
-    record.sealed(store.RUN_FILE)
+    for name in seals:
+        # A policy may have been left out, to save room.
+        if not name.startswith(f"{store.POLICY_FOLDER}/") or (path / name).exists():
+            record.sealed(name)
     return record
 
 
@@ -130,6 +133,18 @@ def _read_run(path: Path) -> tuple[RunSpec, dict[str, Any]]:
             "or the run would count twice."
         )
     return spec, content
+
+
+def collect_existing(results: Path) -> Collection:
+    """All runs of a results folder that must be there, for commands that write what they draw from it.
+
+    Raises:
+        UsageError: It is not there, or has no runs: a mistyped name must not overwrite tables by empty ones.
+        RecordError: As `collect`.
+    """
+    if not Store(results).folders():
+        raise UsageError(f"--results {results}: no runs there; bench run makes some, or give another folder.")
+    return collect(results)
 
 
 def collect(results: Path) -> Collection:

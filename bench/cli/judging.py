@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.app import RESULTS, AsJson, Results, app, reports_errors, show
+from bench.errors import UsageError
 
 
 @app.command()
@@ -15,10 +16,10 @@ from bench.cli.app import RESULTS, AsJson, Results, app, reports_errors, show
 def leaderboard(results: Results = RESULTS, as_json: AsJson = False) -> None:
     """Write leaderboard.csv and leaderboard.md from the records alone."""
     from bench import leaderboard as board
-    from bench.records import collect
+    from bench.records import collect_existing
     from bench.text import json_text
 
-    ranked = board.rows(collect(results).records)
+    ranked = board.rows(collect_existing(results).records)
     csv_path, markdown_path = board.write(results, ranked)
     show(json_text(ranked) if as_json else f"{len(ranked)} rows: {csv_path} and {markdown_path}")
 
@@ -35,9 +36,13 @@ def tables(
 ) -> None:
     """Write the paper's two tables beside ours, from the records alone."""
     from bench import tables as drawn
-    from bench.records import collect
+    from bench.records import collect_existing
 
-    for path in drawn.write(collect(results), out or _tables_folder(results), steps):
+    collection = collect_existing(results)
+    budgets = sorted({record.spec.steps for record in collection.records if record.spec.steps})
+    if steps is not None and steps not in budgets:
+        raise UsageError(f"--steps {steps}: no finished run has this budget; there are: {budgets}.")
+    for path in drawn.write(collection, out or _tables_folder(results), steps):
         show(str(path))
 
 
@@ -46,10 +51,10 @@ def tables(
 def claims(results: Results = RESULTS, as_json: AsJson = False) -> None:
     """Test the paper's claims C1 to C5 on the records, and write claims.json; rules in docs/claims.md."""
     from bench import claims as tested
-    from bench.records import collect
+    from bench.records import collect_existing
     from bench.text import json_text
 
-    found = tested.judge(collect(results))
+    found = tested.judge(collect_existing(results))
     path = tested.write(results, found)
     show(json_text(tested.as_values(found)) if as_json else f"{tested.as_text(found)}\n\n{path}")
 
@@ -62,9 +67,9 @@ def plot(
 ) -> None:
     """Draw every figure that the records allow, as PDF and PNG."""
     from bench import plots
-    from bench.records import collect
+    from bench.records import collect_existing
 
-    for path in plots.write(collect(results), out or results / "plots", show):
+    for path in plots.write(collect_existing(results), out or results / "plots", show):
         show(str(path))
 
 
@@ -84,11 +89,13 @@ def why(
     As in: bench why ablation dd-rq "Collision Rate" A. Ends with 1 if the written table says something else.
     """
     from bench import why as traced
-    from bench.records import collect
+    from bench.records import collect_existing
     from bench.text import json_text
 
     address = traced.parse(table, cell)
-    found = traced.trace(address, collect(results), results if table == "leaderboard" else _tables_folder(results))
+    found = traced.trace(
+        address, collect_existing(results), results if table == "leaderboard" else _tables_folder(results)
+    )
     show(json_text(traced.as_values(found)) if as_json else traced.as_text(found))
     raise typer.Exit(0 if found.agrees else 1)
 

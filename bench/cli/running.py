@@ -19,8 +19,8 @@ def run(
     scenario: Annotated[str, typer.Option(help="Scenarios, as in a,b:decision_period_s=0.1.")] = "a",
     protocol: Annotated[str, typer.Option(help="smoke, quick, standard or paper.")] = "quick",
     seeds: Annotated[str | None, typer.Option(help="How many (5 is 0 to 4), or which: 0,1,7.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Training budget in simulation steps of 0.1 s.")] = None,
-    eval_episodes: Annotated[int | None, typer.Option(help="Held-out episodes for each seed.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Training budget in simulation steps of 0.1 s.")] = None,
+    eval_episodes: Annotated[int | None, typer.Option(min=1, help="Held-out episodes for each seed.")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="As cost.limit=0.1; repeatable.")
     ] = None,

@@ -81,11 +81,11 @@ def report(
 ) -> None:
     """Write one self-contained page with every figure, chart and replay: DIR/index.html."""
     from bench.display import Steps
-    from bench.records import collect
+    from bench.records import collect_existing
     from bench.report import page
     from bench.text import json_text
 
-    collection = collect(results)
+    collection = collect_existing(results)
     with Steps("replays", len(collection.records), quiet or as_json) as steps:
         path = page.write(collection, out, results / "cache", steps.begin)
     size, runs = path.stat().st_size, len(collection.records)

@@ -222,3 +222,44 @@ def test_the_meter_counts_only_steps_that_were_simulated() -> None:
     assert 0 < counted <= meter.next * 8 * 5
     assert rate.wall > 0.0
     assert rate.cpu > 0.0
+
+
+@pytest.mark.parametrize("setting", ["batch=-3", "decisions_per_update=0", "learning_rate=nan", "tau=2"])
+def test_a_setting_that_cannot_train_is_refused_before_anything_runs(
+    tmp_path: Path, bench: Callable[..., Result], setting: str
+) -> None:
+    result = bench("run", "--algo", "sac", "--set", f"sac.{setting}", "--protocol", "smoke", "--results", tmp_path)
+    assert result.exit_code == 2
+    assert setting.replace("=", " = ").split(".")[0][:8] in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["leaderboard", "tables", "claims", "plot"])
+def test_a_results_folder_without_runs_is_refused_and_not_made(
+    tmp_path: Path, bench: Callable[..., Result], command: str
+) -> None:
+    result = bench(command, "--results", tmp_path / "mistyped")
+    assert result.exit_code == 2
+    assert "mistyped: no runs there" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tables_of_a_budget_that_nobody_ran_are_refused(
+    tmp_path: Path, bench: Callable[..., Result], make_record: MakeRecord
+) -> None:
+    make_record(tmp_path, steps=2_000)
+    result = bench("tables", "--results", tmp_path, "--steps", "7")
+    assert result.exit_code == 2
+    assert "there are: [2000]" in result.stderr
+    assert not (tmp_path / "paper_tables").exists()
+
+
+def test_a_truncated_table_is_refused_by_every_command_that_reads_records(
+    tmp_path: Path, bench: Callable[..., Result], make_record: MakeRecord
+) -> None:
+    path = make_record(tmp_path) / "eval_episodes.parquet"
+    path.write_bytes(path.read_bytes()[:-20])
+    for command in ("leaderboard", "claims", "tables"):
+        result = bench(command, "--results", tmp_path)
+        assert result.exit_code == 1
+        assert "eval_episodes.parquet is not what was sealed" in result.stderr
