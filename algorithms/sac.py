@@ -57,9 +57,10 @@ class SACSettings:
         for name, least in (("worlds", 1), ("decisions_per_update", 1), ("batch", 1), ("warm_up", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be at least {least}.")
-        for name, most in (("learning_rate", 1.0), ("tau", 1.0)):
-            if not 0.0 < getattr(self, name) <= most:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be above 0 and at most {most:g}.")
+        if not 0.0 < self.learning_rate < math.inf:
+            raise ValueError(f"learning_rate = {self.learning_rate}: must be positive and finite.")
+        if not 0.0 < self.tau <= 1.0:
+            raise ValueError(f"tau = {self.tau}: must be above 0 and at most 1.")
         if self.learner not in LEARNERS:
             raise ValueError(f"learner = {self.learner!r}: must be one of {', '.join(LEARNERS)}.")
         if self.worlds % self.decisions_per_update and self.decisions_per_update % self.worlds:

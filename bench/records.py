@@ -103,10 +103,7 @@ def read_record(path: Path) -> Record:
     if done.get("hash") != spec.hash or not isinstance(seals, dict):
         raise RecordError(f"{path.name}/DONE belongs to another run: remove the folder and run it again.")
     record = Record(path, spec, details, seals)
-    for name in seals:
-        # A policy may have been left out, to save room.
-        if not name.startswith(f"{store.POLICY_FOLDER}/") or (path / name).exists():
-            record.sealed(name)
+    record.sealed(store.RUN_FILE)
     return record
 
 

@@ -88,7 +88,8 @@ def test_a_zero_must_be_told_from_the_least_rate_that_the_paper_prints(standard_
     assert episodes_for_zero_claim(least) == 2_495
 
 
-def test_the_command_prints_the_list_and_writes_it(tmp_path: Path) -> None:
+def test_the_command_prints_the_list_and_writes_it(tmp_path: Path, make_record: MakeRecord) -> None:
+    make_record(tmp_path, method="idm", steps=0)
     result = CliRunner().invoke(app, ["claims", "--json", "--results", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert json.loads(result.output) == json.loads((tmp_path / "claims.json").read_text())
