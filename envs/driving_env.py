@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final, SupportsFloat
+from typing import Any, SupportsFloat
 
 import gymnasium
 import numba
@@ -25,10 +25,6 @@ __all__ = [
 ]  # fmt: skip
 
 SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
-
-
-SHARED_FROM: Final = 8
-"""Worlds from which a step is compiled as a parallel loop, whatever the number of threads."""
 
 
 class BudgetExceededError(RuntimeError):
@@ -114,11 +110,9 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._source = source
         self._source_given = source is not None
         self.decision_limit = decision_limit
-        # Also on one thread: numba promises the compiler of a parallel loop that arrays do not overlap, and the same
-        # bits come out in 0.6 of the time. For a few worlds, starting the loop costs more than it saves.
-        self._threads = threads if threads > 1 or num_envs >= SHARED_FROM else 0
-        self._advance_worlds = engine.advance_parallel if self._threads else engine.advance
-        self._observe_worlds = batch.observe_parallel if self._threads else batch.observe
+        self._threads = threads
+        self._advance_worlds = engine.advance if threads == 1 else engine.advance_parallel
+        self._observe_worlds = batch.observe if threads == 1 else batch.observe_parallel
         self._autoreset = autoreset
         self._watched = watched
         self._given: npt.NDArray[np.float32] | None = None
@@ -223,7 +217,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         """
         if self._given is not None and not np.array_equal(self._given, self._observations):
             raise MutatedObservationError("The observations of the last step were written into: copy them first.")
-        if self._threads:
+        if self._threads > 1:
             numba.set_num_threads(self._threads)
         self._interpret(actions)
         if self.decision_limit is not None and self.decisions >= self.decision_limit:
