@@ -16,6 +16,8 @@ from bench.errors import UsageError
 from bench.published import Figure
 from bench.records import Collection, Record
 from bench.schema import column
+from bench.statistics import exact_rate, format_rate
+from bench.summary import count_record, pooled
 from bench.why.address import BOARD, Address
 from bench.why.queries import LEADERBOARD, TABLES, Query
 from envs.scenario import UnknownNameError
@@ -236,6 +238,14 @@ def as_values(found: Trace) -> dict[str, Any]:
     }
 
 
+def _collisions(found: Trace) -> str:
+    """Collisions and episodes behind the cell, a zero with its bound; empty without records."""
+    if not found.records:
+        return ""
+    counts = pooled([count_record(record, found.stage) for record in found.records])
+    return f"collisions {format_rate(exact_rate(counts.collisions, counts.episodes))}" if counts.episodes else ""
+
+
 def as_text(found: Trace) -> str:
     """For people."""
     if found.stated is None:
@@ -248,7 +258,9 @@ def as_text(found: Trace) -> str:
         f"  query    {found.formula}",
         f"  columns  {', '.join(found.columns) or '-'} of {found.file}",
     ]
-    entries: list[tuple[str, Callable[[Trace], str]]] = [("paper", lambda t: t.paper), ("missing", lambda t: t.reason)]
+    entries: list[tuple[str, Callable[[Trace], str]]] = [
+        ("counts", _collisions), ("paper", lambda t: t.paper), ("missing", lambda t: t.reason)
+    ]  # fmt: skip
     lines += [f"  {name:8} {text(found)}" for name, text in entries if text(found)]
     lines += [f"  seed {r.spec.seed:<3} {r.path.name} at commit {commit(r)}" for r in found.records]
     return "\n".join(lines)

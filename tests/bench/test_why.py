@@ -67,6 +67,7 @@ def test_queries_cover_every_figure_of_the_leaderboard() -> None:
 def test_a_trace_names_records_seeds_commit_and_query(drawn: Path) -> None:
     result = CliRunner().invoke(app, ["why", "ablation", "dd-rq", "Collision Rate", "A", "--results", str(drawn)])
     assert result.exit_code == 0, result.output
+    assert "collisions 0/3000 (<= 0.100 %)" in result.output  # three seeds of 1,000 episodes
     assert 'ablation dd-rq "Collision Rate" A: 0 (as ' in result.output
     assert "100 * sum(ending = 2) / count(*)" in result.output
     assert "ending of eval_episodes.parquet" in result.output
