@@ -15,7 +15,7 @@ from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
-from envs.compiled import njit
+from envs.compiled import borrowed, njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
 from envs.world import FloatArray, Records, World
@@ -31,6 +31,7 @@ def place_importance(
     ego: Records, vehicles: Records, pedestrians: Records, by_slot: FloatArray, by_object: FloatArray
 ) -> None:
     """Carry IR from observation slots (N, 8) to vehicles and pedestrians (N, V + P)."""
+    ego, vehicles, pedestrians = borrowed(ego), borrowed(vehicles), borrowed(pedestrians)
     slots = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.int64)
     keys = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.float64)
     by_object[:] = 0.0

@@ -12,7 +12,7 @@ from algorithms.corridor import Corridor, corridor, overlaps, pedestrian_counts
 from algorithms.critical_acceleration import follower_can_brake, sca, stopping_bound
 from algorithms.guard_options import GuardOptions, Switches
 from algorithms.method import Observations
-from envs.compiled import njit, njit_inlined
+from envs.compiled import borrowed, njit, njit_inlined
 from envs.geometry import (
     PEDESTRIAN_SIZE_M,
     VEHICLE_LENGTH_M,
@@ -127,6 +127,12 @@ def guard_kernel(
     Returns:
         -1, or the first world whose T_c is not positive and finite.
     """
+    ego, vehicles, pedestrians, importance = (
+        borrowed(ego),
+        borrowed(vehicles),
+        borrowed(pedestrians),
+        borrowed(importance),
+    )
     for i in range(ego.shape[0]):
         if not 0.0 < horizons[i] < math.inf:
             return i

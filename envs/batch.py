@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from envs.compiled import njit, njit_parallel
+from envs.compiled import borrowed, njit, njit_parallel
 from envs.geometry import lane_centre, nearest_lane
 from envs.motion import HORIZON_S, TARGET_MAX_M
 from envs.observation import write_observation
@@ -140,6 +140,8 @@ def observe(
     out: npt.NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Write the state vectors of the named worlds into their rows of out (N, 47); zeros where inactive."""
+    ego, vehicles, pedestrians = borrowed(ego), borrowed(vehicles), borrowed(pedestrians)
+    active, out = borrowed(active), borrowed(out)
     slots = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.int64)
     keys = np.empty(VEHICLE_SLOTS + PEDESTRIAN_SLOTS, np.float64)
     for i in worlds:

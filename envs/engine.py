@@ -9,7 +9,7 @@ import numba
 
 from envs import pedestrians as crossing
 from envs import traffic
-from envs.compiled import njit, njit_parallel
+from envs.compiled import borrowed, njit, njit_parallel
 from envs.geometry import (
     PEDESTRIAN_SIZE_M,
     ROAD_EDGE_M,
@@ -224,6 +224,10 @@ def advance(
         cost_signal: `CostSignal`.
         sums: Added to, shape (N, 4): driving reward, comfort reward, risk reward, cost.
     """
+    ego, vehicles, pedestrians = borrowed(ego), borrowed(vehicles), borrowed(pedestrians)
+    episode, sums, intervened = borrowed(episode), borrowed(sums), borrowed(intervened)
+    targets, commands, horizons, speeds = borrowed(targets), borrowed(commands), borrowed(horizons), borrowed(speeds)
+    proposed_targets, proposed_commands = borrowed(proposed_targets), borrowed(proposed_commands)
     for i in range(ego.shape[0]):
         _advance_world(
             ego, vehicles, pedestrians, episode, i, targets, commands, horizons, speeds, proposed_targets,
