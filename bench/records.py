@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 from pydantic import ValidationError
@@ -16,6 +16,9 @@ from bench.errors import RecordError, UsageError
 from bench.lock import LOCK_NAME
 from bench.spec import RunSpec
 from bench.store import Failure, State, Store
+
+LISTED: Final = 8
+"""Folders that a message names at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +108,32 @@ def read_record(path: Path) -> Record:
     record = Record(path, spec, details, seals)
     record.sealed(store.RUN_FILE)
     return record
+
+
+def find_record(results: Path, text: str) -> Record:
+    """The finished record that a text names: its folder, or any part of the folder's name that no other has.
+
+    Raises:
+        UsageError: No run, several, or one without a finished record has such a name.
+        RecordError: The record cannot be used.
+    """
+    if (Path(text) / store.DONE_FILE).exists():
+        return read_record(Path(text).resolve())
+    folders = Store(results).folders()
+    name = Path(text).name
+    found = [path for path in folders if path.name == name] or [path for path in folders if text in path.name]
+    if not found:
+        raise UsageError(
+            f"run {text!r}: {results / 'runs'} has no folder with this in its name; it has {len(folders)}."
+        )
+    if len(found) > 1:
+        names = "".join(f"\n  {path.name}" for path in found[:LISTED])
+        more = f"\n  and {len(found) - LISTED} more" if len(found) > LISTED else ""
+        raise UsageError(f"run {text!r} fits {len(found)} runs; type more of the name of one:{names}{more}")
+    state = store.folder_state(found[0])
+    if state is not State.DONE:
+        raise UsageError(f"run {found[0].name} is {state}: only a finished run has a record.")
+    return read_record(found[0])
 
 
 def _read_run(path: Path) -> tuple[RunSpec, dict[str, Any]]:

@@ -22,19 +22,6 @@ from bench.spec import RunSpec
 from bench.store import Store
 
 
-def find(run: str, results: Path) -> Record:
-    """The finished record of a run's folder, or of its name in a results folder.
-
-    Raises:
-        UsageError: There is none.
-        RecordError: It is not whole.
-    """
-    for path in (Path(run), results / "runs" / run):
-        if (path / store.DONE_FILE).exists():
-            return read_record(path.resolve())
-    raise UsageError(f"{run!r} is no finished run: neither a folder nor a name in {results / 'runs'}.")
-
-
 def other_code(record: Record) -> list[str]:
     """What this code and its packages do not share with those that made the record, one line each."""
     then, now = record.details.get("provenance", {}), provenance()

@@ -41,10 +41,15 @@ def check(
 def new_method(
     name: Annotated[str, typer.Argument(help="Name of the new method, as in my-method.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where its folder goes.")] = Path(),
+    as_json: AsJson = False,
 ) -> None:
     """Write a package with a method that works, its entry point and its test."""
     from bench import new_method as skeleton
+    from bench.text import json_text
 
     folder = skeleton.new_method(name, out)
+    if as_json:
+        show(json_text({"method": name, "folder": str(folder)}))
+        return
     show(f"{folder}: install it with  python -m pip install --no-build-isolation --no-deps -e {folder}")
     show(f"then  bench check {name}")

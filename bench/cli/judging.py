@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli.app import RESULTS, AsJson, Results, app, reports_errors, show
 from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from bench.records import Collection
 
 
 @app.command()
@@ -16,10 +21,9 @@ from bench.errors import UsageError
 def leaderboard(results: Results = RESULTS, as_json: AsJson = False) -> None:
     """Write leaderboard.csv and leaderboard.md from the records alone."""
     from bench import leaderboard as board
-    from bench.records import collect_existing
     from bench.text import json_text
 
-    ranked = board.rows(collect_existing(results).records)
+    ranked = board.rows(_collected(results).records)
     csv_path, markdown_path = board.write(results, ranked)
     show(json_text(ranked) if as_json else f"{len(ranked)} rows: {csv_path} and {markdown_path}")
 
@@ -33,17 +37,16 @@ def tables(
         typer.Option(metavar="DIR", help="Where to; paper_tables/, or DIR/paper_tables of other --results."),
     ] = None,
     steps: Annotated[int | None, typer.Option(help="Only runs of this training budget.")] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Write the paper's two tables beside ours, from the records alone."""
+    """Write the paper's two tables beside ours, from the records alone; prints their paths."""
     from bench import tables as drawn
-    from bench.records import collect_existing
 
-    collection = collect_existing(results)
+    collection = _collected(results)
     budgets = sorted({record.spec.steps for record in collection.records if record.spec.steps})
     if steps is not None and steps not in budgets:
         raise UsageError(f"--steps {steps}: no finished run has this budget; there are: {budgets}.")
-    for path in drawn.write(collection, out or _tables_folder(results), steps):
-        show(str(path))
+    _show_paths(drawn.write(collection, out or _tables_folder(results), steps), as_json)
 
 
 @app.command()
@@ -51,10 +54,9 @@ def tables(
 def claims(results: Results = RESULTS, as_json: AsJson = False) -> None:
     """Test the paper's claims C1 to C5 on the records, and write claims.json; rules in docs/claims.md."""
     from bench import claims as tested
-    from bench.records import collect_existing
     from bench.text import json_text
 
-    found = tested.judge(collect_existing(results))
+    found = tested.judge(_collected(results))
     path = tested.write(results, found)
     show(json_text(tested.as_values(found)) if as_json else f"{tested.as_text(found)}\n\n{path}")
 
@@ -64,13 +66,12 @@ def claims(results: Results = RESULTS, as_json: AsJson = False) -> None:
 def plot(
     results: Results = RESULTS,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where to; plots/ in the results folder.")] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Draw every figure that the records allow, as PDF and PNG."""
+    """Draw every figure that the records allow, as PDF and PNG; prints their paths."""
     from bench import plots
-    from bench.records import collect_existing
 
-    for path in plots.write(collect_existing(results), out or results / "plots", show):
-        show(str(path))
+    _show_paths(plots.write(_collected(results), out or results / "plots", _note), as_json)
 
 
 @app.command()
@@ -89,16 +90,34 @@ def why(
     As in: bench why ablation dd-rq "Collision Rate" A. Ends with 1 if the written table says something else.
     """
     from bench import why as traced
-    from bench.records import collect_existing
     from bench.text import json_text
 
     address = traced.parse(table, cell)
-    found = traced.trace(
-        address, collect_existing(results), results if table == "leaderboard" else _tables_folder(results)
-    )
+    found = traced.trace(address, _collected(results), results if table == "leaderboard" else _tables_folder(results))
     show(json_text(traced.as_values(found)) if as_json else traced.as_text(found))
     raise typer.Exit(0 if found.agrees else 1)
 
 
 def _tables_folder(results: Path) -> Path:
     return Path("paper_tables") if results == RESULTS else results / "paper_tables"
+
+
+def _collected(results: Path) -> Collection:
+    """What a results folder holds; runs without a finished record are named, as nothing drawn shows them."""
+    from bench.records import collect_existing
+
+    collection = collect_existing(results)
+    for run in collection.missing:
+        _note(f"bench: left out, {run.spec.label}: {run.reason}.")
+    return collection
+
+
+def _note(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def _show_paths(paths: Iterable[Path], as_json: bool) -> None:
+    from bench.text import json_text
+
+    written = [str(path) for path in paths]
+    show(json_text(written) if as_json else "\n".join(written))

@@ -18,7 +18,7 @@ def run(
     algo: Annotated[str, typer.Option(help="Methods, as in sac,safety-guard:tc=1.0; or all.")] = "all",
     scenario: Annotated[str, typer.Option(help="Scenarios, as in a,b:decision_period_s=0.1.")] = "a",
     protocol: Annotated[str, typer.Option(help="smoke, quick, standard or paper.")] = "quick",
-    seeds: Annotated[str | None, typer.Option(help="How many (5 is 0 to 4), or which: 0,1,7.")] = None,
+    seeds: Annotated[str | None, typer.Option(help="How many (5 is 0 to 4), or which: 0,1,7; only one: 7,")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Training budget in simulation steps of 0.1 s.")] = None,
     eval_episodes: Annotated[int | None, typer.Option(min=1, help="Held-out episodes for each seed.")] = None,
     settings: Annotated[
@@ -51,15 +51,16 @@ def run(
 @app.command()
 @reports_errors
 def rerun(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a finished run, or its name.")],
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a finished run, or part of its name.")],
     results: Results = RESULTS,
     as_json: AsJson = False,
 ) -> None:
     """Repeat a finished run and compare the bytes of its record; exit code 1 where they differ."""
     from bench import rerun as again
+    from bench.records import find_record
     from bench.text import json_text
 
-    record = again.find(run, results)
+    record = find_record(results, run)
     for note in again.other_code(record):
         print(f"bench: {note}.", file=sys.stderr)
     found = again.repeat(record, results, quiet=as_json)

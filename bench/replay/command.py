@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.errors import UsageError
-from bench.records import Record
+from bench.records import Record, find_record
 from bench.replay import held_out
-from bench.replay.choice import choose_episode, find_record
+from bench.replay.choice import choose_episode
 from bench.replay.held_out import Replay
 from bench.replay.packed import packed
 from bench.replay.stressed import PREFIX, parse_name, replay_named

@@ -153,8 +153,20 @@ def test_tables_of_other_results_go_beside_them(
     assert {path.name for path in (tmp_path / "paper_tables").iterdir()} == {
         f"{table}.{suffix}" for table in ("ablation", "collision") for suffix in ("md", "tex", "csv")
     }
-    bench("tables", "--results", tmp_path, "--out", tmp_path / "elsewhere")
+    result = bench("tables", "--results", tmp_path, "--out", tmp_path / "elsewhere", "--json")
+    assert str(tmp_path / "elsewhere" / "ablation.md") in json.loads(result.stdout)
     assert (tmp_path / "elsewhere" / "ablation.md").exists()
+
+
+def test_runs_without_a_record_are_named_beside_what_is_drawn_without_them(
+    tmp_path: Path, bench: Callable[..., Result], make_record: MakeRecord
+) -> None:
+    make_record(tmp_path)
+    assert bench("leaderboard", "--results", tmp_path).stderr == ""
+    (make_record(tmp_path, seed=1) / "DONE").unlink()
+    result = bench("leaderboard", "--results", tmp_path, "--json")
+    assert {row["seeds"] for row in json.loads(result.stdout)} == {1}
+    assert "left out, fake-learner on a-v1, seed 1: unfinished" in result.stderr
 
 
 def test_doctor_reports_and_fails_only_where_something_required_is_broken(

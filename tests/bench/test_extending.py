@@ -44,9 +44,9 @@ def install(source: Path, site: Path) -> None:
 
 
 def test_the_skeleton_is_named_throughout(tmp_path: Path, bench: Callable[..., Result]) -> None:
-    result = bench("new-method", "so-new", "--out", tmp_path / "deep")
-    assert result.exit_code == 0, result.output
-    assert "bench check so-new" in result.stdout
+    made = bench("new-method", "so-new", "--out", tmp_path / "deep", "--json")
+    assert json.loads(made.stdout) == {"method": "so-new", "folder": str(tmp_path / "deep" / "so-new")}
+    assert "bench check so-other" in bench("new-method", "so-other", "--out", tmp_path).stdout
     folder = tmp_path / "deep" / "so-new"
     assert {path.name for path in folder.iterdir()} == {"pyproject.toml", "so_new.py", "test_so_new.py"}
     for path in folder.iterdir():

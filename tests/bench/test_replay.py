@@ -11,9 +11,9 @@ from algorithms.risk_model import adjustment_time
 from algorithms.safety_guard import SafetyGuard
 from bench.errors import RecordError, UsageError
 from bench.evaluate import WORLDS, evaluate
-from bench.records import read_record
+from bench.records import find_record, read_record
 from bench.replay import command
-from bench.replay.choice import choose_episode, find_record
+from bench.replay.choice import choose_episode
 from bench.replay.held_out import ReplayDiffersError, replay
 from envs.scenario import get_scenario
 from envs.world import EPISODE, Ending
