@@ -17,7 +17,6 @@ from envs.driving_env import (
     ActionMode,
     BudgetExceededError,
     CostSignal,
-    DrivingEnv,
     DrivingVectorEnv,
     MutatedObservationError,
     action_space,
@@ -26,6 +25,7 @@ from envs.layout import EpisodeSource, held_out_source
 from envs.observation import observation_space
 from envs.reward import comfort_reward, speed_reward
 from envs.scenario import GYMNASIUM_IDS, get_scenario, scenario_names
+from envs.single_env import DrivingEnv
 from envs.six_tuple import SixTuple
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, World
 from tests.envs.small_worlds import driving_env
