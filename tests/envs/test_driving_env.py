@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as stable_baselines3_check_env
 
-from algorithms.reference_drivers import DRIVERS
+from algorithms.scripted_policies import DRIVERS
 from envs.driving_env import (
     ActionMode,
     BudgetExceededError,
