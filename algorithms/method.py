@@ -15,6 +15,7 @@ import numpy.typing as npt
 from algorithms.artefacts import Making
 from algorithms.checkpoints import Checkpoints, NoCheckpoints
 from envs.driving_env import ActionMode, BudgetExceededError, CostSignal, DrivingVectorEnv
+from envs.episodes import no_episodes
 from envs.layout import EpisodeSource
 from envs.scenario import Scenario
 from envs.world import Records, Shield
@@ -161,7 +162,7 @@ class Task:
     def finished_episodes(self) -> Records:
         """`EPISODE` records of all completed training episodes, in order of completion, with their end step."""
         if self._env is None:
-            return DrivingVectorEnv.no_episodes()
+            return no_episodes()
         return self._env.finished_episodes()
 
 

@@ -1,9 +1,9 @@
 """Columns of the Parquet files of a record, and their bytes.
 
 `train_episodes.parquet` (in order of completion) and `eval_episodes.parquet` (in order of episode number)
-hold one row for each finished episode with the columns of `envs.driving_env.EPISODE`, documented in
-`envs.world.EPISODE`: numbers as 32-bit floats rounded to 16 significant bits (relative error at most 2^-17), counts
-as the smallest integer that holds them.
+hold one row for each finished episode with the columns of `envs.world.EPISODE`, documented there: numbers as
+32-bit floats rounded to 16 significant bits (relative error at most 2^-17), counts as the smallest integer that
+holds them.
 `scalars.parquet` holds what the learner reported: one row for each step and name.
 """
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from algorithms.dd_rq import RiskGuard
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Actions, Observations, seed_sequence
-from algorithms.reference_drivers import DRIVERS
 from algorithms.risk_training import risk_model
 from algorithms.safety_guard import SafetyGuard
+from algorithms.scripted_policies import DRIVERS
 from bench.errors import UsageError
 from bench.stress_result import DD_RQ, StressResult, Tc, Totals
 from envs.driving_env import ActionMode, DrivingVectorEnv, action_space

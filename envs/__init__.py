@@ -8,7 +8,7 @@ for _name, _id in GYMNASIUM_IDS.items():
     if _id not in gymnasium.registry:
         gymnasium.register(
             id=_id,
-            entry_point="envs.driving_env:DrivingEnv",
+            entry_point="envs.single_env:DrivingEnv",
             vector_entry_point="envs.driving_env:DrivingVectorEnv",
             kwargs={"scenario": _name},
         )

@@ -1,9 +1,9 @@
-"""gymnasium faces of the engine: `DrivingVectorEnv` over N worlds, `DrivingEnv` over one."""
+"""gymnasium's face of N worlds: `DrivingVectorEnv`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, SupportsFloat
+from typing import Any
 
 import gymnasium
 import numba
@@ -13,15 +13,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs import batch, engine
 from envs.actions import ActionMode, action_space
-from envs.layout import CHUNK, EpisodeSource
+from envs.episodes import EpisodeLog, EpisodeStream
+from envs.layout import EpisodeSource
 from envs.observation import OBSERVATION_SIZE, observation_space
 from envs.reward import CostSignal
 from envs.scenario import PedestrianRule, Scenario, get_scenario
 from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
 
 __all__ = [
-    "ActionMode", "BudgetExceededError", "CostSignal", "DrivingEnv", "DrivingVectorEnv", "MutatedObservationError",
-    "action_space",
+    "ActionMode", "BudgetExceededError", "CostSignal", "DrivingVectorEnv", "MutatedObservationError", "action_space",
 ]  # fmt: skip
 
 SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
@@ -107,8 +107,6 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self.decisions = 0
         self._comfort = comfort
         self._cost_signal = int(cost_signal)
-        self._source = source
-        self._source_given = source is not None
         self.decision_limit = decision_limit
         self._threads = threads
         self._advance_worlds = engine.advance if threads == 1 else engine.advance_parallel
@@ -116,9 +114,8 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self._autoreset = autoreset
         self._watched = watched
         self._given: npt.NDArray[np.float32] | None = None
-        self._next_episode = 0
-        self._chunk: tuple[int, World] | None = None
-        self._finished: list[Records] = []
+        self._stream = EpisodeStream(scenario, source)
+        self._log = EpisodeLog()
         self._observations = np.zeros((num_envs, OBSERVATION_SIZE), np.float32)
         self._fair = scenario.pedestrian_rule is PedestrianRule.FAIR
         self._planning = action_mode is ActionMode.PLANNING
@@ -135,33 +132,23 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         """Simulation steps of 0.1 s so far, over all worlds."""
         return self.decisions * self.num_envs * self.scenario.substeps
 
-    @staticmethod
-    def no_episodes() -> Records:
-        """An empty array of `EPISODE` records."""
-        return np.empty(0, EPISODE)
-
     def finished_episodes(self) -> Records:
         """All episodes that have ended, in order of completion, `EPISODE` records."""
-        return np.concatenate([self.no_episodes(), *self._finished])
+        return self._log.all()
 
     @property
     def episodes_done(self) -> int:
         """Number of episodes that have ended."""
-        return sum(map(len, self._finished))
+        return len(self._log)
 
     def recent_episodes(self, count: int) -> Records:
         """The last so many finished episodes, `EPISODE` records."""
-        batches: list[Records] = []
-        for records in reversed(self._finished):
-            batches.insert(0, records)
-            if sum(map(len, batches)) >= count:
-                break
-        return np.concatenate([self.no_episodes(), *batches])[-count:]
+        return self._log.last(count)
 
     def snapshot(self) -> dict[str, npt.NDArray[Any]]:
         """What later steps depend on, the shield apart: copies, for `restore`."""
         kept = {name: values.copy() for name, values in self._kept().items()}
-        counters = np.array([self.decisions, self._next_episode])
+        counters = np.array([self.decisions, self._stream.next_episode])
         return {**kept, "counters": counters, "finished": self.finished_episodes()}
 
     def restore(self, kept: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -174,9 +161,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             if kept[name].shape != values.shape:
                 raise ValueError(f"{name} has shape {kept[name].shape}; this environment needs {values.shape}.")
             values[...] = kept[name]
-        self.decisions, self._next_episode = map(int, kept["counters"])
-        self._finished = [kept["finished"].astype(EPISODE)]
-        self._chunk = self._given = None
+        self.decisions, next_episode = map(int, kept["counters"])
+        self._stream.go_on_from(next_episode)
+        self._log.replace(kept["finished"].astype(EPISODE))
+        self._given = None
 
     def _kept(self) -> dict[str, npt.NDArray[Any]]:
         world = self.world
@@ -188,17 +176,9 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
         """Start a new episode in every world; a seed starts the stream of episodes, or the given source, anew."""
-        if seed is not None or self._source is None:
-            if self._source is None or not self._source_given:
-                numbers = [seed] if isinstance(seed, int) else seed
-                entropy = None if numbers is None else [int(number or 0) for number in numbers]
-                self._source = EpisodeSource(self.scenario, np.random.SeedSequence(entropy))
-            self._chunk = None
-            self._next_episode = 0
-        assert self._source is not None
-        self._next_episode = max(self._next_episode, self._source.start)
+        self._stream.restart(seed)
         self.active[:] = False
-        self._begin_episodes(self._all)
+        self._stream.begin(self._all, self.world, self.active, self._interventions)
         self._observe(self._all)
         return self._give(), {}
 
@@ -308,77 +288,9 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
         records: Records = self.world.episode[worlds]
         records["world"] = worlds
         records["end_step"] = self.steps_done
-        self._finished.append(records)
+        self._log.add(records)
         self.active[worlds] = False
         if self._autoreset:
-            self._begin_episodes(worlds)
+            self._stream.begin(worlds, self.world, self.active, self._interventions)
             self._observe(worlds)
         return records
-
-    def _begin_episodes(self, worlds: npt.NDArray[np.int64]) -> None:
-        """Load the next episodes of the source, in order of world; where it has ended, worlds stay inactive."""
-        assert self._source is not None
-        if self._source.stop is not None:
-            left = max(self._source.stop - self._next_episode, 0)
-            self.world.episode["ending"][worlds[left:]] = Ending.TIME_OUT
-            worlds = worlds[:left]
-        while len(worlds):
-            index, row = divmod(self._next_episode, CHUNK)
-            if self._chunk is None or self._chunk[0] != index:
-                self._chunk = (index, self._source.chunk(index))
-            start, now, some = self._chunk[1], self.world, worlds[: CHUNK - row]
-            batch.load_episodes(
-                now.ego, now.vehicles, now.pedestrians, now.episode, self.active, self._interventions, some,
-                start.ego, start.vehicles, start.pedestrians, start.episode, row,
-            )  # fmt: skip
-            self._next_episode += len(some)
-            worlds = worlds[len(some) :]
-
-
-class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
-    """One world, the plain gymnasium interface; arguments as in `DrivingVectorEnv`.
-
-    ``info`` of a step: ``cost``, ``reward_without_risk``, ``intervened`` as scalars.
-    """
-
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
-
-    def __init__(self, scenario: Scenario | str = "a", render_mode: str | None = None, **arguments: Any) -> None:
-        """Build the world of a scenario or of its name."""
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'.")
-        self.render_mode = render_mode
-        self.vector = DrivingVectorEnv(scenario, 1, autoreset=False, **arguments)
-        self.observation_space = self.vector.single_observation_space
-        self.action_space = self.vector.single_action_space
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
-        """Start a new episode."""
-        super().reset(seed=seed)
-        observations, info = self.vector.reset(seed=seed)
-        return observations[0], info
-
-    def step(
-        self, action: npt.NDArray[Any]
-    ) -> tuple[npt.NDArray[np.float32], SupportsFloat, bool, bool, dict[str, Any]]:
-        """Carry out one decision; see `DrivingVectorEnv.step`.
-
-        Raises:
-            RuntimeError: The episode has ended, or none has begun.
-        """
-        if not self.vector.active[0]:
-            raise RuntimeError("No episode is running: call reset() first.")
-        observations, reward, terminated, truncated, info = self.vector.step(np.asarray(action)[None])
-        last = info.get("final_obs", observations)[0]
-        plain = {key: info[key][0].item() for key in ("cost", "reward_without_risk", "intervened")}
-        return last, float(reward[0]), bool(terminated[0]), bool(truncated[0]), plain
-
-    def render(self) -> Any:
-        """The present frame as an RGB array, drawn by highway-env, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        from envs.rendering import render_world
-
-        return render_world(self.vector.scenario, self.vector.world, 0)

@@ -8,11 +8,11 @@ from scipy.special import logit
 
 from algorithms.dd_rq_plus import ShareGuard
 from algorithms.method import Budget, Task
-from algorithms.reference_drivers import FullThrottlePolicy, RandomPolicy
 from algorithms.registry import get_method
 from algorithms.risk_model import RiskOutput
 from algorithms.risk_training import CONTACT, PLANNING_TIME, RiskSettings, collect, contact_within
 from algorithms.safety_guard import SafetyGuard
+from algorithms.scripted_policies import FullThrottlePolicy, RandomPolicy
 from envs.driving_env import ActionMode, DrivingVectorEnv
 from envs.scenario import get_scenario
 from envs.world import empty_world

@@ -14,7 +14,7 @@ from bench import schema, store
 from bench.evaluate import evaluate
 from bench.spec import RunSpec
 from bench.store import Store
-from envs.driving_env import DrivingVectorEnv
+from envs.episodes import no_episodes
 from envs.scenario import get_scenario
 from envs.world import Records
 
@@ -68,7 +68,7 @@ def write_record(
             {"provenance": provenance, "timing": {"train": clock, "evaluate": clock}, "trains": False, "timeline": []}
         )
         folder.write_policy(policy.save)
-        folder.write(store.TRAIN_FILE, schema.to_bytes(schema.episodes_table(DrivingVectorEnv.no_episodes())))
+        folder.write(store.TRAIN_FILE, schema.to_bytes(schema.episodes_table(no_episodes())))
         folder.write(store.EVAL_FILE, schema.to_bytes(schema.episodes_table(evaluated)))
         folder.write(store.SCALARS_FILE, schema.to_bytes(schema.scalars_table([])))
         folder.finish()

@@ -20,6 +20,13 @@ from envs.traffic import EXPONENT, HEADWAY_S
 from envs.world import World, empty_world
 
 Fields = Mapping[str, float]
+FAR_BEHIND = {"s": -500.0, "speed": 10.0}
+"""The ego, out of everybody's way."""
+
+
+def people(state: int, s: float, d: float = 0.0) -> dict[str, float]:
+    """A pedestrian who crosses at 1 m/s, or waits to."""
+    return {"state": state, "s": s, "d": d, "lateral_speed": 1.0}
 
 
 def readable(world: World) -> World:

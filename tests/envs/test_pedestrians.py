@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from algorithms.reference_drivers import DRIVERS
+from algorithms.scripted_policies import DRIVERS
 from envs import engine
 from envs.driving_env import DrivingVectorEnv
 from envs.engine import STEPS_MAX

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from envs.driving_env import DrivingEnv
 from envs.layout import EpisodeSource
 from envs.rendering import (
     CRASHED_COLOUR,
@@ -28,6 +27,7 @@ from envs.rendering import (
     render_world,
 )
 from envs.scenario import get_scenario
+from envs.single_env import DrivingEnv
 from envs.trace import EpisodeTrace, record_episode
 from envs.world import CROSSING, WAITING, Ending, World, empty_world
 
