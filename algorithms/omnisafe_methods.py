@@ -105,19 +105,21 @@ class CPO(OnPolicyMethod):
 class FOCOPS(OnPolicyMethod):
     """First-order constrained optimization in policy space (Zhang et al. 2020)."""
 
+    version = 3
     algorithm = "FOCOPS"
 
 
 class TRPOLag(OnPolicyMethod):
     """Trust-region policy optimization with a Lagrange multiplier (Ray et al. 2019)."""
 
-    version = 3
+    version = 4
     algorithm = "TRPOLag"
 
 
 class OmniSafe(OnPolicyMethod):
     """Any on-policy algorithm of OmniSafe: ``omnisafe:algo=PCPO``."""
 
+    version = 3
     defaults: ClassVar[dict[str, Any]] = {"algo": "PCPO"}
 
     def __init__(self, **parameters: Any) -> None:

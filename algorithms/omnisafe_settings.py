@@ -100,8 +100,11 @@ _TUNED: Final[Mapping[str, OmniSafeSettings]] = MappingProxyType(
             multiplier=20.0,
             multiplier_learning_rate=1.0,
             multiplier_max=100.0,
+            epoch_decisions=1000,
         ),
-        "TRPOLag": OmniSafeSettings(kl_limit=0.03, multiplier=100.0, multiplier_learning_rate=5.0),
+        "TRPOLag": OmniSafeSettings(
+            kl_limit=0.03, multiplier=100.0, multiplier_learning_rate=5.0, epoch_decisions=1000
+        ),
     }
 )
 
