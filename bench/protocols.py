@@ -57,7 +57,7 @@ class Request:
     """What ``bench run`` was asked for, as typed.
 
     Attributes:
-        algo: Comma list of methods with parameters, or ``all``.
+        algo: Comma list of methods with parameters; ``all`` may be one of them.
         scenario: Comma list of scenarios with parameters.
         protocol: Name of a `Protocol`.
         seeds: A number of seeds or a comma list, or None for the protocol's.
@@ -125,7 +125,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
-    """Methods of a comma list, or with ``all`` the paper's and the reference drivers.
+    """Methods of a comma list, where ``all`` stands for the paper's and the reference drivers.
 
     Returns:
         The methods that can be used here, and the reasons of those that cannot.
@@ -133,7 +133,8 @@ def find_methods(text: str) -> tuple[list[Method], dict[str, str]]:
     Raises:
         UsageError: A name or parameter is unknown, or none of the methods can be used here.
     """
-    names = [*PAPER_METHODS, *REFERENCE_DRIVERS] if text.strip() == ALL else split_names(text)
+    everything = (*PAPER_METHODS, *REFERENCE_DRIVERS)
+    names = [name for item in split_names(text) for name in (everything if item == ALL else (item,))]
     methods: dict[str, Method] = {}
     unavailable: dict[str, str] = {}
     for name in names:

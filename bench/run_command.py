@@ -15,7 +15,7 @@ from bench.estimate import estimate
 from bench.executors import LocalExecutor
 from bench.leaderboard import Row, collision_text
 from bench.progress import Phase, duration
-from bench.protocols import ALL, Request, expand
+from bench.protocols import Request, expand, split_names
 from bench.ray_executor import RayExecutor
 from bench.records import collect
 from bench.text import columns, json_text
@@ -78,7 +78,7 @@ def _run(request: Request, options: Options, executor: LocalExecutor | RayExecut
     _update_leaderboard(options.results)
     print(_as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results))
     # With `all` an optional package may be missing; who names a method wants that method.
-    missing = expansion.unavailable and request.algo.strip() != ALL
+    missing = expansion.unavailable.keys() & set(split_names(request.algo))
     return 1 if finished.failed or missing else 0
 
 

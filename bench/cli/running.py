@@ -15,7 +15,7 @@ train_app = group("train", "Train what runs share.")
 @app.command()
 @reports_errors
 def run(
-    algo: Annotated[str, typer.Option(help="Methods, as in sac,safety-guard:tc=1.0; or all.")] = "all",
+    algo: Annotated[str, typer.Option(help="Methods, as in all,safety-guard:tc=1.0.")] = "all",
     scenario: Annotated[str, typer.Option(help="Scenarios, as in a,b:decision_period_s=0.1.")] = "a",
     protocol: Annotated[str, typer.Option(help="smoke, quick, standard or paper.")] = "quick",
     seeds: Annotated[str | None, typer.Option(help="How many (5 is 0 to 4), or which: 0,1,7; only one: 7,")] = None,

@@ -118,6 +118,8 @@ def test_all_is_the_six_of_the_paper_and_the_reference_drivers(fakes: Path) -> N
     trained = {spec.method for spec in expansion.specs if spec.steps}
     assert "rss-guard" in trained
     assert "cruise+guard" not in trained
+    more = {spec.method for spec in expand(Request("safety-guard:tc=1.0,all", "b", "smoke")).specs}
+    assert more == {spec.method for spec in expansion.specs} | {"safety-guard:tc=1.0"}
 
 
 def test_all_names_what_is_unavailable_and_runs_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
