@@ -16,6 +16,10 @@ DEFAULT_TRAIN_RATE: Final = 3_000.0
 """Simulation steps per second of SAC (an update for every 4 decisions of 0.5 s) on one core."""
 DEFAULT_EVAL_RATE: Final = 500.0
 """Held-out episodes per second on one core."""
+RISK_METHODS: Final = ("dd-rq", "dd-rq-plus")
+"""They train a driving agent for the run's own budget and fit a risk model, once for each scenario."""
+RISK_MODEL_S: Final = 250.0
+"""Data and fit of a risk model on one core [s]."""
 START_S: Final = 4.0
 """Imports of a worker [s]."""
 
@@ -104,7 +108,7 @@ def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) 
         product = (*_keys(spec)[0], spec.steps)
         if product not in made:
             made.add(product)
-            needed += max(_looked_up(rates.setup, spec) or [0.0])
+            needed += max(_looked_up(rates.setup, spec) or [_default_setup(spec)])
         seconds.append(needed)
     basis = f"{measured} of {len(specs)} runs at rates measured in this results folder"
     if own != records:
@@ -115,6 +119,12 @@ def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) 
             f"and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
         )
     return Estimate(tuple(seconds), _makespan(seconds, workers), basis)
+
+
+def _default_setup(spec: RunSpec) -> float:
+    if spec.method.partition(":")[0] not in RISK_METHODS:
+        return 0.0
+    return RISK_MODEL_S + spec.steps / DEFAULT_TRAIN_RATE
 
 
 def _makespan(seconds: Sequence[float], workers: int) -> float:

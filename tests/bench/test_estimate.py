@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, START_S, estimate
+from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, RISK_MODEL_S, START_S, estimate
 from bench.provenance import cpu_model
 
 
@@ -47,6 +47,12 @@ def test_setup_is_counted_once_for_a_scenario_and_budget_without_a_record():
     again, new = spec("dd-rq"), spec("dd-rq", steps=2_000)
     assert estimate([again], [seen], 1).seconds == pytest.approx((10.0 + 0.5,))
     assert estimate([new, new], [seen], 1).seconds == pytest.approx((20.0 + 0.5 + 30.0, 20.0 + 0.5))
+
+
+def test_without_records_the_driving_agent_and_the_risk_model_are_counted_once():
+    first, second, other = estimate([spec("dd-rq"), spec("dd-rq:tc=mean"), spec("safety-guard:tc=1.0")], [], 1).seconds
+    assert second == other
+    assert first - second == pytest.approx(RISK_MODEL_S + 1_000 / DEFAULT_TRAIN_RATE)
 
 
 def test_workers_take_runs_in_turn():
