@@ -17,6 +17,7 @@ class GuardOptions:
         literal_longitudinal: The printed a_x = a_pre also where a_x was too low.
         reserve: Correction: limits also keep a braking reserve (`stopping_bound`, `follower_can_brake`).
         hold: Correction: where the way to the lane's centre is blocked, too, the last executed target stays.
+        give_way: Correction: ... but not where it leads to a follower that cannot brake; then the lane's centre.
         turned_body: Correction: the corridor holds the turned body, whose corners stand out.
         excursion: Correction: the corridor holds the way that the present lateral motion leads before it ends.
     """
@@ -27,6 +28,7 @@ class GuardOptions:
     literal_longitudinal: bool = False
     reserve: bool = True
     hold: bool = True
+    give_way: bool = True
     turned_body: bool = True
     excursion: bool = True
 
@@ -40,5 +42,6 @@ class Switches(NamedTuple):
     printed_longitudinal: bool
     reserve: bool
     hold: bool
+    give_way: bool
     turned_body: bool
     excursion: bool

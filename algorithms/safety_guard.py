@@ -25,7 +25,7 @@ from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S
 from envs.reward import SAFE_HEADWAY_S
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
-GUARD_VERSION: Final = 3
+GUARD_VERSION: Final = 4
 """Raised by every change that alters what the guard does; also the version of the methods behind it."""
 K2: Final = 0.92
 B2: Final = 0.02
@@ -147,7 +147,9 @@ def guard_kernel(
                     continue
             a, b = _limits(ego, vehicles, pedestrians, i, candidate, horizons[i], shares[i], importance, o)
             free = not _conflict(a, b)
-            if free or attempt < 2 or a > pre or a == pre > -math.inf:
+            # A tie keeps what was executed; not if that leads to a follower that cannot brake, b = inf.
+            kept = a == pre > -math.inf and not (o.give_way and b == math.inf)
+            if free or attempt < 2 or a > pre or kept:
                 target, pre, follow = candidate, a, b
             if free:
                 break

@@ -57,11 +57,12 @@ class StressCase:
 HEAD: Final = ("scenario", "T_c", "driver", "guard", "collisions", "at fault", "with", "flagged", "speed", "episodes")
 SHOWN: Final = 3
 """Episodes with a collision that a table names."""
-_PRINTED: Final = GuardOptions(True, True, True, True, False, False, False, False)
+_PRINTED: Final = GuardOptions(True, True, True, True, False, False, False, False, False)
 _ABLATION: Final = (
     DEFAULTS,
     GuardOptions(reserve=False),
     GuardOptions(hold=False),
+    GuardOptions(give_way=False),
     GuardOptions(turned_body=False),
     GuardOptions(excursion=False),
     GuardOptions(literal_all_lanes=True),

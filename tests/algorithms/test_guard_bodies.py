@@ -175,3 +175,11 @@ def test_beside_two_cars_the_lane_centre_is_better_than_a_way_into_one():
     world = scene([(1.0, 3.5, 5.0), (1.0, -2.2, 5.0)], d=0.0, kept=3.5)
     world.vehicles["s"] = 1.0
     assert guarded(world, target=3.4) == (0.0, -2.0, True)
+
+
+def test_a_held_target_that_leads_to_a_follower_that_cannot_brake_is_given_up():
+    # From behind at d = 0, 5 m where braking takes 13.8 m; the ego's motion carries it into his way, wherever it aims.
+    world = scene([(-5.0, 0.0, 18.0)], d=-2.35, kept=4.25, drift=1.0)
+    assert limits(world, target=-3.5, hold=False) == pytest.approx([math.inf, math.inf])
+    assert guarded(world, target=3.5) == (-3.5, 2.0, True)
+    assert guarded(world, target=3.5, give_way=False) == (4.25, 2.0, True)

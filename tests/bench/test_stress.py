@@ -19,7 +19,7 @@ from bench.stress import parse_options, replay_stress, stress_guard
 from envs.world import Ending
 
 PROMISED = {"episodes", "collisions", "ego_at_fault", "pedestrian", "intervention_ratio", "mean_speed_mps", "worst"}
-BARE = GuardOptions(reserve=False, hold=False, turned_body=False, excursion=False)
+BARE = GuardOptions(reserve=False, hold=False, give_way=False, turned_body=False, excursion=False)
 
 
 def invoke(*arguments):
