@@ -110,6 +110,11 @@ def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor
     return values
 
 
+def deterministic_algorithms(mode: bool) -> None:
+    """`torch.use_deterministic_algorithms` without its import of torch's compiler, 2 s, which nothing here uses."""
+    torch.set_deterministic_debug_mode("error" if mode else "default")
+
+
 class SilentConsole:
     """Stands in for rich's `Console`, which would lay out tables and texts that nobody sees."""
 
@@ -125,6 +130,7 @@ def _replacements() -> list[tuple[Any, str, Any]]:
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
         (omnisafe_module("omnisafe.common.logger"), "Console", SilentConsole),
+        (torch, "use_deterministic_algorithms", deterministic_algorithms),
         (omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic, "step", lean_step),
     ]
     for module_name, module in sys.modules.items():

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from algorithms.checkpoints import FileCheckpoints, Interval
+from algorithms.compiler_left_out import leave_compiler_out
 from algorithms.method import Budget, Method, Task
 from algorithms.registry import get_method
 from bench import schema, store
@@ -90,6 +91,7 @@ class _Attempt:
         task.progress = curve.progress
         task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
         seed_global_generators(task, GLOBAL)
+        leave_compiler_out()
         self._reported("train", 0, self.spec.steps, {})
         with curve.clock:
             policy = method.train(task)
