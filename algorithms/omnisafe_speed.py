@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import scipy.signal
@@ -110,6 +111,61 @@ def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor
     return values
 
 
+@dataclass(frozen=True, slots=True)
+class _Curvature:
+    """The gradient of KL to the present policy, with its graph; every Fisher product of an actor's update needs it.
+
+    Attributes:
+        observations: Where KL is measured.
+        parameters: Copies of the actor's, to know whether the graph still holds.
+        kl: The divergence, zero but for rounding.
+        gradient: Shape (parameters,), zero in value; its own gradient is the Fisher matrix.
+    """
+
+    observations: torch.Tensor
+    parameters: tuple[torch.Tensor, ...]
+    kl: float
+    gradient: torch.Tensor
+
+    @classmethod
+    def of(cls, actor: Any, observations: torch.Tensor) -> _Curvature:
+        policy = actor(observations)
+        fixed = torch.distributions.Normal(policy.mean.detach(), policy.stddev.detach())
+        kl = torch.distributions.kl.kl_divergence(fixed, policy).mean()
+        parameters = tuple(actor.parameters())
+        gradients = torch.autograd.grad(kl, parameters, create_graph=True)
+        copies = tuple(parameter.detach().clone() for parameter in parameters)
+        return cls(observations, copies, kl.item(), torch.cat([gradient.view(-1) for gradient in gradients]))
+
+    def holds(self, actor: Any, observations: torch.Tensor) -> bool:
+        """Whether neither observations nor parameters are others by now."""
+        pairs = zip(self.parameters, actor.parameters(), strict=True)
+        return self.observations is observations and all(torch.equal(copy, now) for copy, now in pairs)
+
+
+def fisher_product(trainer: Any, vector: torch.Tensor) -> torch.Tensor:
+    """OmniSafe's `NaturalPG._fvp`, the same numbers; what does not depend on the vector is computed once an update.
+
+    Args:
+        trainer: The algorithm, with `_fvp_obs` set.
+        vector: Shape (parameters,).
+
+    Returns:
+        Fisher matrix times vector, damping included; shape (parameters,).
+    """
+    actor = trainer._actor_critic.actor
+    actor.zero_grad()
+    curvature: _Curvature | None = getattr(trainer, "_curvature", None)
+    if curvature is None or not curvature.holds(actor, trainer._fvp_obs):
+        trainer._curvature = curvature = _Curvature.of(actor, trainer._fvp_obs)
+    along = (curvature.gradient * vector).sum()
+    products = torch.autograd.grad(along, tuple(actor.parameters()), retain_graph=True)
+    trainer._logger.store({"Train/KL": curvature.kl})
+    flat = torch.cat([product.contiguous().view(-1) for product in products])
+    damping: float = trainer._cfgs.algo_cfgs.cg_damping
+    return flat + damping * vector
+
+
 def deterministic_algorithms(mode: bool) -> None:
     """`torch.use_deterministic_algorithms` without its import of torch's compiler, 2 s, which nothing here uses."""
     torch.set_deterministic_debug_mode("error" if mode else "default")
@@ -130,6 +186,7 @@ def _replacements() -> list[tuple[Any, str, Any]]:
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
         (omnisafe_module("omnisafe.common.logger"), "Console", SilentConsole),
+        (omnisafe_module("omnisafe.algorithms.on_policy.base.natural_pg").NaturalPG, "_fvp", fisher_product),
         (torch, "use_deterministic_algorithms", deterministic_algorithms),
         (omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic, "step", lean_step),
     ]

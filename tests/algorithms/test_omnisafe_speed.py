@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from torch.utils.data import DataLoader, TensorDataset
 
 from algorithms.omnisafe_library import omnisafe_module, process_state_kept
-from algorithms.omnisafe_speed import ShuffledBatches, discounted_sums, fast_loops, joined_storage, lean_step
+from algorithms.omnisafe_speed import (
+    ShuffledBatches,
+    discounted_sums,
+    fast_loops,
+    fisher_product,
+    joined_storage,
+    lean_step,
+)
 
 needs_omnisafe = pytest.mark.skipif(
     importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
@@ -70,18 +77,22 @@ def test_joined_storage_holds_and_gives_what_omnisafes_buffer_does():
         assert all(torch.equal(theirs[key], ours[key]) for key in theirs)
 
 
-@needs_omnisafe
-@pytest.mark.parametrize("activation", ["relu", "tanh"])
-@pytest.mark.parametrize("deterministic", [False, True])
-@pytest.mark.parametrize("shape", [(5, 3), (3,)], ids=["worlds", "one"])
-def test_a_lean_step_is_omnisafes(activation, deterministic, shape):
+def actor_critic(activation):
     network = SimpleNamespace(hidden_sizes=[8, 8], activation=activation, lr=1e-3)
     settings = SimpleNamespace(
         weight_initialization_mode="kaiming_uniform", actor_type="gaussian_learning", linear_lr_decay=True,
         actor=network, critic=network,
     )  # fmt: skip
     box = gymnasium.spaces.Box(-1.0, 1.0, (3,))
-    agent = omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic(box, box, settings, 1)
+    return omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic(box, box, settings, 1)
+
+
+@needs_omnisafe
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("deterministic", [False, True])
+@pytest.mark.parametrize("shape", [(5, 3), (3,)], ids=["worlds", "one"])
+def test_a_lean_step_is_omnisafes(activation, deterministic, shape):
+    agent = actor_critic(activation)
     observations = torch.randn(shape)
     kept = observations.clone()
     torch.manual_seed(1)
@@ -90,6 +101,30 @@ def test_a_lean_step_is_omnisafes(activation, deterministic, shape):
     ours = lean_step(agent, observations, deterministic)
     assert all(torch.equal(a, b) for a, b in zip(ours, theirs, strict=True))
     assert torch.equal(observations, kept)
+
+
+@needs_omnisafe
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_a_fisher_product_is_omnisafes_also_when_policy_or_observations_are_others(activation):
+    theirs = omnisafe_module("omnisafe.algorithms.on_policy.base.natural_pg").NaturalPG._fvp
+    stored = []
+    trainer = SimpleNamespace(
+        _actor_critic=actor_critic(activation), _fvp_obs=torch.randn(7, 3),
+        _logger=SimpleNamespace(store=stored.append), _cfgs=SimpleNamespace(algo_cfgs=SimpleNamespace(cg_damping=0.1)),
+    )  # fmt: skip
+    parameters = list(trainer._actor_critic.actor.parameters())
+    seen = []
+    for change in ("none", "vector", "policy", "observations"):
+        vector = torch.randn(sum(parameter.numel() for parameter in parameters))
+        if change == "policy":
+            parameters[0].data.add_(0.1)
+        if change == "observations":
+            trainer._fvp_obs = torch.randn(7, 3)
+        ours = fisher_product(trainer, vector)
+        assert torch.equal(ours, theirs(trainer, vector))
+        seen.append(ours - 0.1 * vector)
+    assert stored[::2] == stored[1::2]
+    assert all(product.abs().max() > 1e-3 for product in seen)
 
 
 @needs_omnisafe
