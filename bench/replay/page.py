@@ -14,11 +14,18 @@ from bench.replay.held_out import Replay
 from bench.replay.packed import ROAD, packed
 
 ASSETS: Final = Path(__file__).parent / "assets"
+SCRIPTS: Final = ("unpack.js", "scene.js", "player.js")
+"""In the order in which they build on each other."""
 
 
 def asset(name: str) -> str:
-    """Text of a file of the player: ``player.js`` or ``player.css``."""
+    """Text of a file of the player."""
     return (ASSETS / name).read_text(encoding="utf-8")
+
+
+def script() -> str:
+    """The player's program."""
+    return "\n".join(asset(name) for name in SCRIPTS)
 
 
 def embedded_json(value: Any) -> str:
@@ -43,7 +50,7 @@ def write_page(replays: Sequence[Replay], path: Path) -> int:
     parts = {
         "title": html.escape(title),
         "style": asset("player.css"),
-        "script": asset("player.js"),
+        "script": script(),
         "data": embedded_json({"road": ROAD, "replays": [packed(replay) for replay in replays]}),
     }
     atomic.write_file(path, fill(asset("page.html"), parts).encode())

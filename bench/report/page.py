@@ -27,7 +27,7 @@ def render(shown: dict[str, Any], episodes: dict[str, Any]) -> str:
         "style": player.asset("player.css") + (FOLDER / "assets" / "report.css").read_text(encoding="utf-8"),
         "charts": (FOLDER / "vendor" / f"{CHARTS}.umd.min.js").read_text(encoding="utf-8"),
         "licence": (FOLDER / "vendor" / f"{CHARTS}.LICENSE.txt").read_text(encoding="utf-8"),
-        "player": player.asset("player.js"),
+        "player": player.script(),
         "report": "\n".join(scripts),
         "data": player.embedded_json({**shown, "road": ROAD}),
         "episodes": player.embedded_json(episodes),
