@@ -1,4 +1,4 @@
-"""torch's compiler, left out of processes that train: optimisers import it, 2 s, only to hide themselves from it."""
+"""torch's compiler, left out of training: optimisers import it, 1.3 s and more, only to hide themselves from it."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ def fisher_product(trainer: Any, vector: torch.Tensor) -> torch.Tensor:
 
 
 def deterministic_algorithms(mode: bool) -> None:
-    """`torch.use_deterministic_algorithms` without its import of torch's compiler, 2 s, which nothing here uses."""
+    """`torch.use_deterministic_algorithms` without its import of torch's compiler, which nothing here uses."""
     torch.set_deterministic_debug_mode("error" if mode else "default")
 
 
