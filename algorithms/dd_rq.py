@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from algorithms.guard_features import features_of
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
-from algorithms.risk_model import RiskModel, adjustment_time, risk_percent
-from algorithms.risk_training import risk_model, shuffled_values
+from algorithms.risk_model import RiskModel, RiskOutput, adjustment_time, risk_percent
+from algorithms.risk_training import risk_model, shuffled_values, unrelated_draws
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon, require_share
+from algorithms.safety_guard import GUARD_VERSION, Demand, SafetyGuard, require_horizon, require_share
 from envs.compiled import borrowed, njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
@@ -59,50 +60,67 @@ class RiskGuard(SafetyGuard):
         self.model = model
         self.risk = np.zeros(0)
         self._tc_source, self._rq_source = tc, rq
-        self._rng = np.random.default_rng(0)
-        self._horizons = np.zeros(0)
-        self._by_slot = np.zeros((0, VEHICLE_SLOTS + PEDESTRIAN_SLOTS))
+        self._salt = b""
+        self._seen: Observations | None = None
+        self._next, self._next_risk = Demand(np.zeros(0), np.zeros(0), np.zeros((0, 8))), np.zeros(0)
+        self._held = self._next
         self._by_object: FloatArray | None = None
 
     def begin(self, seed: np.random.SeedSequence) -> None:
         """Seed the shuffled control."""
-        self._rng = np.random.default_rng(seed)
-
-    def snapshot(self) -> dict[str, Any]:
-        """State of the shuffled control's generator; all else is refreshed at the next decision."""
-        return {"generator": dict(self._rng.bit_generator.state)}
-
-    def restore(self, values: dict[str, Any]) -> None:
-        """Go on from a `snapshot`."""
-        self._rng.bit_generator.state = values["generator"]
+        self._salt = seed.generate_state(2).tobytes()
+        self._seen = None
 
     def observe(self, observations: Observations) -> None:
         """RQ and IR of every world, held until the next decision."""
-        output = self.model(observations)
+        self._held = self.demand(observations)
+        self.risk = self._next_risk
+        self._by_object = None
+
+    def demand(self, observations: Observations) -> Demand:
+        """What it will ask for; kept, as an aware policy asks for it just before the guard does."""
+        if self._seen is None or not np.array_equal(self._seen, observations):
+            output = self.model(observations)
+            self._next, self._next_risk = self._answer(observations, output)
+            self._seen = observations.copy()
+        return self._next
+
+    def _answer(self, observations: Observations, output: RiskOutput) -> tuple[Demand, FloatArray]:
+        """What to ask for, and RQ (N,) [%], given what the model says."""
         phi = output.value
         if self._tc_source == "mean":
             phi = np.full(len(phi), float(self.model.description["value_mean"]))
         if self._rq_source == "shuffled":
-            phi = shuffled_values(self.model, self._rng.random(len(phi)))
-        self.risk = risk_percent(phi, printed=self._rq_source == "printed")
-        self._horizons = adjustment_time(self.risk)
-        self._by_slot = output.importance
-        self._by_object = None
+            phi = self._shuffled(observations)
+        risk = risk_percent(phi, printed=self._rq_source == "printed")
+        return Demand(adjustment_time(risk), np.full(len(phi), self.share), output.importance), risk
+
+    def _shuffled(self, observations: Observations) -> FloatArray:
+        return shuffled_values(self.model, unrelated_draws(observations, self._salt))
 
     def horizons(self, world: World) -> FloatArray:
         """T_c of every world, (N,) [s]."""
-        return self._horizons
+        return self._held.horizons
+
+    def shares(self, world: World) -> FloatArray:
+        """Demanded part of S_safe in every world, (N,) in [0, 1]."""
+        return self._held.shares
 
     def importance(self, world: World) -> FloatArray:
         """IR of every vehicle, then every pedestrian, (N, V + P); placed once per decision."""
         if self._by_object is None:
             self._by_object = np.empty((len(world), world.vehicles.shape[1] + world.pedestrians.shape[1]))
-            place_importance(world.ego, world.vehicles, world.pedestrians, self._by_slot, self._by_object)
+            place_importance(world.ego, world.vehicles, world.pedestrians, self._held.importance, self._by_object)
         return self._by_object
 
 
 class RiskGuardedPolicy(NetworkPolicy):
     """A network policy that carries its risk model with it."""
+
+    @classmethod
+    def of(cls, policy: NetworkPolicy) -> RiskGuardedPolicy:
+        """The same policy; its shield must be a `RiskGuard`."""
+        return cls(policy.architecture, policy.network, policy.action_mode, policy.shield, policy.features)
 
     def save(self, folder: Path) -> None:
         """Write actor and risk model."""
@@ -115,11 +133,11 @@ class FixedGuard(Method):
     """SAC behind the safety guard with a fixed T_c (``safety-guard:tc=3.0``).
 
     ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the guard's correction off, ``literal=true``
-    switches to the printed Alg. 2.
+    switches to the printed Alg. 2, ``aware=true`` shows the policy the guard's limits.
     """
 
     version = GUARD_VERSION + LEARNER_VERSION
-    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": 1.0, "reserve": True, "literal": False}
+    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": 1.0, "reserve": True, "literal": False, "aware": False}
     setting_names = SETTING_NAMES
 
     def shield(self) -> SafetyGuard:
@@ -140,22 +158,25 @@ class FixedGuard(Method):
 
     def train(self, task: Task) -> Policy:
         """Train with the guard between policy and world; r_risk is paid where it intervenes."""
-        return train_sac(task, self.shield())
+        shield = self.shield()
+        return train_sac(task, shield, features=features_of(shield, self.parameters["aware"]))
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The saved actor behind the same guard."""
-        return NetworkPolicy.load(folder, self.shield())
+        shield = self.shield()
+        return NetworkPolicy.load(folder, shield, features_of(shield, self.parameters["aware"]))
 
 
 class DDRQ(Method):
     """The paper's method: SAC behind the adjustable guard; its controls are parameters.
 
     ``tc=mean``: constant mean T_c. ``rq=shuffled``: RQ drawn from its own distribution, without relation to the
-    scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi.
+    scene. ``rq=printed``: RQ as the paper prints it, T_c = 4.5 - phi. ``aware=true`` shows the policy the guard's
+    limits, which the paper does not.
     """
 
     version = GUARD_VERSION + LEARNER_VERSION
-    defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model"}
+    defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model", "aware": False}
     setting_names = SETTING_NAMES
 
     def __init__(self, **parameters: Any) -> None:
@@ -178,11 +199,10 @@ class DDRQ(Method):
         model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache, making=task.making)
         shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
         shield.begin(task.stream("shield"))
-        trained = train_sac(task, shield)
-        return RiskGuardedPolicy(trained.architecture, trained.network, trained.action_mode, shield)
+        features = features_of(shield, self.parameters["aware"])
+        return RiskGuardedPolicy.of(train_sac(task, shield, features=features))
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The saved actor behind the saved risk model."""
         shield = RiskGuard(RiskModel.load(folder, task.scenario.id), self.parameters["tc"], self.parameters["rq"])
-        loaded = NetworkPolicy.load(folder, shield)
-        return RiskGuardedPolicy(loaded.architecture, loaded.network, loaded.action_mode, shield)
+        return RiskGuardedPolicy.load(folder, shield, features_of(shield, self.parameters["aware"]))

@@ -1,8 +1,11 @@
-"""DD-RQ-plus: the guard demands S_safe in proportion to the risk, learnt from outcomes instead of from T_c.
+"""DD-RQ-plus: the guard demands S_safe in proportion to the risk, learnt from outcomes, and the policy sees its limits.
 
 The paper defines risk as a function of state and agent, but clones it from a planning time that nothing in the
 agent's reward pays for. Here RQ is the probability that the driving agent has contact within 3 s, learnt from its own
 roll-outs, and the guard demands that share of S_safe: a_safe = 2 (dS - sign(dS) RQ S_safe + T_c dv) / T_c^2.
+
+The policy is aware of the guard: its observation ends in the limits that this demand leaves
+(`algorithms.guard_features`).
 
 Safety does not rest on RQ: the braking reserve (`algorithms.critical_acceleration.stopping_bound`) holds at any share.
 """
@@ -17,13 +20,13 @@ import numpy as np
 from scipy import special
 
 from algorithms.dd_rq import AGENT_STEPS_MAX, RiskGuard, RiskGuardedPolicy
+from algorithms.guard_features import features_of
 from algorithms.method import Method, Observations, Policy, Task
-from algorithms.networks import NetworkPolicy
-from algorithms.risk_model import RiskModel
-from algorithms.risk_training import CONTACT, RiskSettings, risk_model, shuffled_values
+from algorithms.risk_model import RiskModel, RiskOutput
+from algorithms.risk_training import CONTACT, RiskSettings, risk_model
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import GUARD_VERSION, require_horizon
-from envs.world import FloatArray, World
+from algorithms.safety_guard import GUARD_VERSION, Demand, require_horizon
+from envs.world import FloatArray
 
 SHARE_SOURCES: Final = ("risk", "mean", "shuffled")
 
@@ -41,33 +44,26 @@ class ShareGuard(RiskGuard):
         self.tc = require_horizon(tc)
         self._share_source = share
 
-    def observe(self, observations: Observations) -> None:
-        """RQ and IR of every world, held until the next decision."""
-        output = self.model(observations)
-        probability = special.expit(output.value)
+    def _answer(self, observations: Observations, output: RiskOutput) -> tuple[Demand, FloatArray]:
+        """T_c is fixed; the share of S_safe is the probability of contact, RQ."""
+        share = special.expit(output.value)
         if self._share_source == "mean":
-            probability = np.full(len(probability), float(self.model.description["value_mean"]))
+            share = np.full(len(share), float(self.model.description["value_mean"]))
         if self._share_source == "shuffled":
-            probability = shuffled_values(self.model, self._rng.random(len(probability)))
-        self.risk = 100.0 * probability
-        self._horizons = np.full(len(probability), self.tc)
-        self._by_slot = output.importance
-        self._by_object = None
-
-    def shares(self, world: World) -> FloatArray:
-        """Demanded part of S_safe in every world, (N,) in [0, 1]."""
-        return 0.01 * self.risk
+            share = self._shuffled(observations)
+        return Demand(np.full(len(share), self.tc), share, output.importance), 100.0 * share
 
 
 class DDRQPlus(Method):
     """SAC behind the guard that demands S_safe in proportion to the risk; its controls are parameters.
 
     ``share=mean``: the constant mean of RQ. ``share=shuffled``: RQ drawn from its own distribution, without relation
-    to the scene. ``safety-guard:share=0.5`` demands a constant share.
+    to the scene. ``aware=false``: the policy is not shown the guard's limits. ``safety-guard:share=0.5`` demands a
+    constant share, with ``aware=true`` of a policy that is shown the limits.
     """
 
-    version = GUARD_VERSION + LEARNER_VERSION
-    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": "risk"}
+    version = GUARD_VERSION + LEARNER_VERSION + 1
+    defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": "risk", "aware": True}
     setting_names = SETTING_NAMES
 
     def __init__(self, **parameters: Any) -> None:
@@ -96,11 +92,10 @@ class DDRQPlus(Method):
         model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
         shield = self.shield(model)
         shield.begin(task.stream("shield"))
-        trained = train_sac(task, shield)
-        return RiskGuardedPolicy(trained.architecture, trained.network, trained.action_mode, shield)
+        features = features_of(shield, self.parameters["aware"])
+        return RiskGuardedPolicy.of(train_sac(task, shield, features=features))
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The saved actor behind the saved model of contact."""
         shield = self.shield(RiskModel.load(folder, task.scenario.id))
-        loaded = NetworkPolicy.load(folder, shield)
-        return RiskGuardedPolicy(loaded.architecture, loaded.network, loaded.action_mode, shield)
+        return RiskGuardedPolicy.load(folder, shield, features_of(shield, self.parameters["aware"]))

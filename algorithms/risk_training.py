@@ -5,6 +5,7 @@ Or, for dd-rq-plus, learn from the same roll-outs how likely contact is within 3
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from torch.nn import functional
 
 from algorithms.artefacts import Making, cached, digest
 from algorithms.driving_agent import DrivingAgentSpec, driving_agent
-from algorithms.method import Policy, seed_sequence
+from algorithms.method import Observations, Policy, seed_sequence
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import EpisodeSource
@@ -253,3 +254,12 @@ def shuffled_values(model: RiskModel, draws: FloatArray) -> FloatArray:
     quantiles = np.asarray(model.description["value_quantiles"])
     values: FloatArray = np.interp(draws, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
     return values
+
+
+def unrelated_draws(observations: Observations, salt: bytes) -> FloatArray:
+    """Uniform draws in [0, 1), shape (N,), the same for the same observation and salt, else without relation to it.
+
+    Digests instead of a generator: whoever asks, and how often, changes nothing for those who ask later.
+    """
+    digests = (hashlib.blake2b(row.tobytes(), digest_size=8, key=salt).digest() for row in observations)
+    return np.array([int.from_bytes(digest, "little") for digest in digests], np.float64) / 2.0**64

@@ -13,12 +13,12 @@ from stable_baselines3 import SAC as StableBaselinesSAC
 from stable_baselines3.common.callbacks import BaseCallback
 
 from algorithms.fast_sac import FastSAC, HalfFastSAC, reproducible
+from algorithms.guard_features import GuardFeatures
 from algorithms.method import Method, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
 from algorithms.sac_checkpoint import Checkpointing, restore
 from algorithms.sb3_env import StableBaselinesEnv
 from envs.driving_env import ActionMode, DrivingVectorEnv
-from envs.observation import OBSERVATION_SIZE
 from envs.world import Ending, Shield
 
 ACTOR_LAYERS: Final = (256, 256, 256, 256)
@@ -135,10 +135,12 @@ def train_sac(
     shield: Shield | None = None,
     action_mode: ActionMode = ActionMode.ACCELERATION,
     comfort: bool = True,
+    features: GuardFeatures | None = None,
 ) -> NetworkPolicy:
     """Train SAC within the task's budget and return its deterministic policy behind the same shield.
 
     The replay buffer holds the proposed action with the reward of what the shield made of it, r_risk included.
+    Where features are given, networks and replay buffer hold observations with the features appended.
     A training that was killed goes on from the task's last checkpoint, to the same result.
     """
     torch.set_num_threads(1)
@@ -148,7 +150,7 @@ def train_sac(
     with reproducible(task.torch_seed()):
         model = LEARNERS[chosen.learner](
             "MlpPolicy",
-            StableBaselinesEnv(env),
+            StableBaselinesEnv(env, features),
             learning_rate=chosen.learning_rate,
             buffer_size=decisions,
             learning_starts=min(chosen.warm_up, decisions // 2),
@@ -166,17 +168,19 @@ def train_sac(
             restore(model, env, before)
         callbacks: list[BaseCallback] = [_Progress(task, env), Checkpointing(task.checkpoints, env, before)]
         model.learn(decisions - model.num_timesteps, callbacks, reset_num_timesteps=before is None)
-    return deterministic_policy(model, action_mode, shield)
+    return deterministic_policy(model, action_mode, shield, features)
 
 
-def deterministic_policy(model: StableBaselinesSAC, action_mode: ActionMode, shield: Shield | None) -> NetworkPolicy:
+def deterministic_policy(
+    model: StableBaselinesSAC, action_mode: ActionMode, shield: Shield | None, features: GuardFeatures | None
+) -> NetworkPolicy:
     """The mean of a trained actor as a policy that saves without pickle."""
     actor: Any = model.actor
     layers = [module for module in actor.latent_pi if isinstance(module, torch.nn.Linear)] + [actor.mu]
-    architecture = Architecture((OBSERVATION_SIZE, *ACTOR_LAYERS, actor.mu.out_features), "relu", squashed=True)
+    architecture = Architecture((layers[0].in_features, *ACTOR_LAYERS, actor.mu.out_features), "relu", squashed=True)
     network = architecture.build()
     copy_linear_layers(layers, network)
-    return NetworkPolicy(architecture, network, action_mode, shield)
+    return NetworkPolicy(architecture, network, action_mode, shield, features)
 
 
 class SAC(Method):

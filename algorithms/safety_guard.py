@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from envs.geometry import (
 )
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2, HORIZON_S
 from envs.reward import SAFE_HEADWAY_S
+from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
 GUARD_VERSION: Final = 4
@@ -78,7 +79,7 @@ def _pedestrian_limits(e: Any, p: Any, c: Corridor, tc: float, share: float, o: 
 
 
 @njit_inlined
-def _limits(
+def limits_to(
     ego: Records, vehicles: Records, pedestrians: Records, i: int, target: float, tc: float, share: float,
     importance: FloatArray, o: Switches,
 ) -> tuple[float, float]:  # fmt: skip
@@ -145,7 +146,7 @@ def guard_kernel(
                 candidate = lane_centre(nearest_lane(ego[i].d)) if attempt == 1 else ego[i].target_d
                 if abs(candidate - target) <= SAME_TARGET_M:
                     continue
-            a, b = _limits(ego, vehicles, pedestrians, i, candidate, horizons[i], shares[i], importance, o)
+            a, b = limits_to(ego, vehicles, pedestrians, i, candidate, horizons[i], shares[i], importance, o)
             free = not _conflict(a, b)
             # A tie keeps what was executed; not if that leads to a follower that cannot brake, b = inf.
             kept = a == pre > -math.inf and not (o.give_way and b == math.inf)
@@ -187,6 +188,20 @@ def require_share(share: float) -> float:
     return float(share)
 
 
+class Demand(NamedTuple):
+    """What a guard will ask for at given observations.
+
+    Attributes:
+        horizons: T_c, shape (N,) [s].
+        shares: Demanded part of S_safe, shape (N,), in [0, 1].
+        importance: IR of each observation slot, shape (N, 8), in [0, 1].
+    """
+
+    horizons: FloatArray
+    shares: FloatArray
+    importance: FloatArray
+
+
 class SafetyGuard:
     """Alg. 2 with a fixed T_c: a `Shield`.
 
@@ -194,6 +209,7 @@ class SafetyGuard:
         tc: The fixed T_c [s].
         share: The part of S_safe that is demanded, in [0, 1]; what `reserve` keeps is kept at any share.
         options: Readings of Alg. 2.
+        switches: The same for compiled code.
         limits: a_pre and a_follow of the last call, shape (N, 2) [m/s2].
     """
 
@@ -205,13 +221,19 @@ class SafetyGuard:
         self.limits = np.zeros((0, 2))
         self._fixed_horizons, self._fixed_shares = np.zeros((2, 0))
         self._no_importance = np.zeros((0, 0))
-        self._switches = Switches(*dataclasses.astuple(self.options))
+        self.switches = Switches(*dataclasses.astuple(self.options))
 
     def begin(self, seed: np.random.SeedSequence) -> None:
         """A fixed guard draws no numbers."""
 
     def observe(self, observations: Observations) -> None:
         """A fixed guard needs no observations."""
+
+    def demand(self, observations: Observations) -> Demand:
+        """What it will ask for from the decision at these observations, (N, 47), on."""
+        n = len(observations)
+        slots = np.zeros((n, VEHICLE_SLOTS + PEDESTRIAN_SLOTS))
+        return Demand(np.full(n, self.tc), np.full(n, self.share), slots)
 
     def horizons(self, world: World) -> FloatArray:
         """T_c of every world, (N,) [s]."""
@@ -244,7 +266,7 @@ class SafetyGuard:
         out, intervened = np.empty((5, n)), np.empty(n, np.bool_)
         bad = guard_kernel(
             world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons, self.shares(world),
-            self.importance(world), self._switches, out, intervened,
+            self.importance(world), self.switches, out, intervened,
         )  # fmt: skip
         if bad >= 0:
             raise ValueError(f"T_c = {horizons[bad]} s in world {bad}: must be positive and finite.")

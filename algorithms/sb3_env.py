@@ -9,22 +9,26 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from algorithms.guard_features import GuardFeatures
+from algorithms.method import Observations
 from envs.driving_env import DrivingVectorEnv
 
 
 class StableBaselinesEnv(VecEnv):
     """Same-step autoreset, terminal observations and truncation flags as stable-baselines3 expects them."""
 
-    def __init__(self, env: DrivingVectorEnv) -> None:
-        """Wrap an environment; it must reset finished worlds by itself."""
+    def __init__(self, env: DrivingVectorEnv, features: GuardFeatures | None = None) -> None:
+        """Wrap an environment that resets finished worlds by itself; features are appended to its observations."""
         self.render_mode: str | None = None
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        space = env.single_observation_space if features is None else features.space
+        super().__init__(env.num_envs, space, env.single_action_space)
         self.env = env
+        self._features = features
         self._actions: np.ndarray = np.zeros((0, 0))
 
     def reset(self) -> VecEnvObs:
         """Start a new episode in every world."""
-        return self.env.reset()[0]
+        return self._seen(self.env.reset()[0])
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -35,12 +39,14 @@ class StableBaselinesEnv(VecEnv):
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for i in np.flatnonzero(dones):
-            infos[i] = {
-                "terminal_observation": info["final_obs"][i],
-                "TimeLimit.truncated": bool(truncated[i]),
-            }
-        return observations, rewards.astype(np.float32), dones, infos
+        if dones.any():
+            last = self._seen(info["final_obs"])
+            for i in np.flatnonzero(dones):
+                infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
+        return self._seen(observations), rewards.astype(np.float32), dones, infos
+
+    def _seen(self, observations: Observations) -> Observations:
+        return observations if self._features is None else self._features(observations)
 
     def close(self) -> None:
         """Nothing to free."""

@@ -1,4 +1,4 @@
-"""Does the risk model matter? A method against its controls, which have everything but the information in RQ."""
+"""Which part matters? A method against its controls, which have everything but that part."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from bench.summary import StageCounts
 
 Value = Callable[[StageCounts], float]
 
-CONTROLS: Final = {
+CONTROLS: Final[dict[str, tuple[str, ...]]] = {
     "dd-rq": ("dd-rq:tc=mean", "dd-rq:rq=shuffled"),
-    "dd-rq-plus": ("dd-rq-plus:share=mean", "dd-rq-plus:share=shuffled"),
+    "dd-rq-plus": (
+        "dd-rq-plus:share=mean",
+        "dd-rq-plus:share=shuffled",
+        "dd-rq-plus:aware=False",
+        "safety-guard:aware=True",
+        "safety-guard:aware=True,share=0.0",
+    ),
 }
 
 

@@ -167,6 +167,7 @@ class DecodedObservation:
         vehicle_ds: Vehicle minus ego along the road, shape (N, 5) [m].
         vehicle_dd: Vehicle minus ego across the road, shape (N, 5) [m].
         vehicle_dv: Vehicle minus ego speed along the road, shape (N, 5) [m/s].
+        vehicle_heading: Shape (N, 5) [rad].
         vehicle_present: Shape (N, 5).
         pedestrian_ds: Pedestrian minus ego along the road, shape (N, 3) [m].
         pedestrian_dd: Pedestrian minus ego across the road, shape (N, 3) [m].
@@ -182,6 +183,7 @@ class DecodedObservation:
     vehicle_ds: FloatArray
     vehicle_dd: FloatArray
     vehicle_dv: FloatArray
+    vehicle_heading: FloatArray
     vehicle_present: BoolArray
     pedestrian_ds: FloatArray
     pedestrian_dd: FloatArray
@@ -204,6 +206,7 @@ def decode(observations: npt.NDArray[np.float32]) -> DecodedObservation:
         vehicle_ds=vehicles[:, :, 0] * RANGE_M,
         vehicle_dd=vehicles[:, :, 1] * LATERAL_SCALE_M,
         vehicle_dv=vehicles[:, :, 2] * SPEED_SCALE_MPS,
+        vehicle_heading=vehicles[:, :, 4],
         vehicle_present=x[:, VEHICLE_MASK_AT:PEDESTRIAN_MASK_AT] > 0.5,
         pedestrian_ds=people[:, :, 0] * RANGE_M,
         pedestrian_dd=people[:, :, 1] * LATERAL_SCALE_M,

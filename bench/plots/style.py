@@ -65,6 +65,7 @@ LOOKS: Final[dict[str, Look]] = {
     "dd-rq-plus": Look("DD-RQ-plus", "#009E73", "s"),
     "dd-rq-plus:share=mean": Look("DD-RQ-plus, mean share", "#4FC3A1", "D", "--"),
     "dd-rq-plus:share=shuffled": Look("DD-RQ-plus, shuffled", "#98DCC7", "d", ":"),
+    "dd-rq-plus:aware=False": Look("DD-RQ-plus, unaware", "#00694D", "s", ":"),
     "safety-guard:tc=1.0": Look("guard, $T_c$ 1 s", "#F2C14E", "<", (0, (1, 1))),
     "safety-guard": Look("guard, $T_c$ 3 s", "#E69F00", ">", "-"),
     "safety-guard:tc=5.0": Look("guard, $T_c$ 5 s", "#B57A00", "h", "--"),
