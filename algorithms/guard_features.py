@@ -11,8 +11,8 @@ for the lane to the right, the own one and the one to the left, a_pre and a_foll
 
 Scale: sign(a) ln(1 + abs(a)) / ln(41), clipped to [-1, 1]. A decision holds for 0.5 s, in which limits tighten. The
 braking reserve is a limit for 0.1 s: 20 m/s2 there is 2 m/s of speed to spare, so that limits far beyond the ego's
-2 m/s2 matter, and a linear scale does not do (docs/dd-rq-plus.md has the figures). A lane that does not exist allows
-nothing: -1 and 1. The planner's state is not observed; it is taken to be the body's.
+2 m/s2 matter. A lane that does not exist allows nothing: -1 and 1. The planner's state is not observed; it is taken to
+be the body's.
 """
 
 from __future__ import annotations

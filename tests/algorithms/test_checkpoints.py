@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from algorithms.checkpoints import FileCheckpoints, Interval, NoCheckpoints, State
-from algorithms.dd_rq import RiskGuard
 from algorithms.resuming import environment, generators, restore_environment, restore_generators
-from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
+from algorithms.safety_guard import SafetyGuard
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import EpisodeSource
 from envs.scenario import get_scenario
@@ -220,15 +219,31 @@ def test_the_global_generators_go_on_where_they_were():
     assert draws() == first
 
 
+class Wavering(SafetyGuard):
+    """Draws its T_c at every decision: a shield that remembers something."""
+
+    def __init__(self):
+        super().__init__()
+        self.rng = np.random.default_rng(5)
+
+    def observe(self, observations):
+        self.drawn = self.rng.uniform(0.5, 7.0, len(observations))
+
+    def horizons(self, world):
+        return self.drawn
+
+    def snapshot(self):
+        return {"generator": dict(self.rng.bit_generator.state)}
+
+    def restore(self, values):
+        self.rng.bit_generator.state = values["generator"]
+
+
 @pytest.mark.parametrize("name", ["a", "b-late", "a-dense-mobil"])
 def test_an_environment_goes_on_where_it_was_with_what_its_shield_remembers(name):
-    description = {"value_quantiles": np.linspace(0.5, 4.0, 201).tolist()}
-
     def make():
         source = EpisodeSource(get_scenario(name), np.random.SeedSequence(4))
-        shield = RiskGuard(RiskModel(RiskNetwork(RiskArchitecture()), RiskArchitecture(), description), rq="shuffled")
-        shield.begin(np.random.SeedSequence(5))
-        return DrivingVectorEnv(name, 8, source=source, shield=shield)
+        return DrivingVectorEnv(name, 8, source=source, shield=Wavering())
 
     def drive(env, rng, steps):
         return [env.step(rng.uniform([-3.5, -2.0], [3.5, 2.0], (8, 2)))[:4] for _ in range(steps)]
