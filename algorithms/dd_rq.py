@@ -61,29 +61,28 @@ class RiskGuard(SafetyGuard):
         self.risk = np.zeros(0)
         self._tc_source, self._rq_source = tc, rq
         self._salt = b""
-        self._seen: Observations | None = None
-        self._next, self._next_risk = Demand(np.zeros(0), np.zeros(0), np.zeros((0, 8))), np.zeros(0)
-        self._held = self._next
+        self._asked: Observations | None = None
+        self._held = Demand(np.zeros(0), np.zeros(0), np.zeros((0, VEHICLE_SLOTS + PEDESTRIAN_SLOTS)))
+        self._answered = self._held, self.risk
         self._by_object: FloatArray | None = None
 
     def begin(self, seed: np.random.SeedSequence) -> None:
         """Seed the shuffled control."""
         self._salt = seed.generate_state(2).tobytes()
-        self._seen = None
+        self._asked = None
 
     def observe(self, observations: Observations) -> None:
         """RQ and IR of every world, held until the next decision."""
-        self._held = self.demand(observations)
-        self.risk = self._next_risk
+        self.demand(observations)
+        self._held, self.risk = self._answered
         self._by_object = None
 
     def demand(self, observations: Observations) -> Demand:
         """What it will ask for; kept, as an aware policy asks for it just before the guard does."""
-        if self._seen is None or not np.array_equal(self._seen, observations):
-            output = self.model(observations)
-            self._next, self._next_risk = self._answer(observations, output)
-            self._seen = observations.copy()
-        return self._next
+        if self._asked is None or not np.array_equal(self._asked, observations):
+            self._answered = self._answer(observations, self.model(observations))
+            self._asked = observations.copy()
+        return self._answered[0]
 
     def _answer(self, observations: Observations, output: RiskOutput) -> tuple[Demand, FloatArray]:
         """What to ask for, and RQ (N,) [%], given what the model says."""
