@@ -35,6 +35,7 @@ def test_a_kill_in_the_middle_of_sac_leaves_no_trace_in_its_record(tmp_path: Pat
         ("sac", "between two roll-outs", {}),
         ("dd-rq", "between two roll-outs", {}),
         ("dd-rq:rq=shuffled", "between two roll-outs", {}),
+        ("dd-rq-plus:share=shuffled", "between two roll-outs", {}),
         pytest.param("trpo-lag", "at the end of an epoch", EPOCHS, marks=needs_omnisafe),
     ],
 )
