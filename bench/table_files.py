@@ -68,7 +68,7 @@ class Table:
 
     def seeds(self) -> list[str]:
         """Number of seeds behind each column, empty where there is none."""
-        return [str(cell.seeds or "") for cell in self.rows()[0][2]]
+        return [_seeds(cell) for cell in self.rows()[0][2]]
 
     def notes(self) -> list[str]:
         """Different reasons, in order of appearance; cells refer to them by number from 1."""
@@ -96,6 +96,10 @@ def to_csv(table: Table) -> str:
     return sink.getvalue()
 
 
+def _seeds(cell: Cell) -> str:
+    return str(cell.seeds or "")
+
+
 def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.6g}"
 
@@ -108,28 +112,39 @@ def _reference(cell: Cell, notes: Sequence[str]) -> str:
     return f"[{notes.index(cell.reason) + 1}]" if cell.reason else ""
 
 
+def _kept(cells: Sequence[Cell], published: bool) -> list[Cell]:
+    """Cells of the paper's columns, or of our own."""
+    return [cell for cell in cells if bool(cell.figure.source) is published]
+
+
 def to_markdown(table: Table) -> str:
-    """Two lines for each statistic and stage: here, and in the paper."""
+    """Two lines for each statistic and stage, here and in the paper; columns that the paper lacks stand below."""
     notes = table.notes()
-    heading = ["", "stage", "", *table.columns()]
-    lines = [
-        f"# {table.title}",
-        "",
-        table.caption,
-        "",
-        f"| {' | '.join(heading)} |",
-        "|" + "---|" * len(heading),
-        f"| {' | '.join(['Seeds', '', 'here', *table.seeds()])} |",
-    ]
-    for row, stage, cells in table.rows():
-        here = [" ".join(filter(None, (cell.text, _reference(cell, notes)))) for cell in cells]
-        paper = [_published(cell.figure) for cell in cells]
-        lines.append("| " + " | ".join([row, stage, "here", *here]) + " |")
-        lines.append("| " + " | ".join(["", "", "paper", *paper]) + " |")
+    lines = [f"# {table.title}", "", table.caption, "", *_markdown_columns(table, notes, published=True)]
+    if any(not cell.figure.source for cell in table.cells):
+        lines += ["", "Not in the paper:", "", *_markdown_columns(table, notes, published=False)]
     if notes:
         lines += ["", *(f"[{i}] {note}  " for i, note in enumerate(notes, 1))]
     lines += [line for remark in table.remarks for line in ("", remark)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _markdown_columns(table: Table, notes: Sequence[str], published: bool) -> list[str]:
+    """The paper's columns with its figures below ours, or our own columns."""
+    first = _kept(table.rows()[0][2], published)
+    heading = ["", "stage", "", *(cell.figure.column for cell in first)]
+    lines = [
+        f"| {' | '.join(heading)} |",
+        "|" + "---|" * len(heading),
+        f"| {' | '.join(['Seeds', '', 'here', *map(_seeds, first)])} |",
+    ]
+    for row, stage, cells in table.rows():
+        shown = _kept(cells, published)
+        here = [" ".join(filter(None, (cell.text, _reference(cell, notes)))) for cell in shown]
+        lines.append("| " + " | ".join([row, stage, "here", *here]) + " |")
+        if published:
+            lines.append("| " + " | ".join(["", "", "paper", *(_published(cell.figure) for cell in shown)]) + " |")
+    return lines
 
 
 _TEX: Final = {
@@ -184,19 +199,15 @@ def to_latex(table: Table) -> str:
 
 def _tabular(table: Table, notes: Sequence[str], published: bool) -> list[str]:
     """The paper's columns with its figures below ours, or our own columns."""
-
-    def kept(cells: Sequence[Cell]) -> list[Cell]:
-        return [cell for cell in cells if bool(cell.figure.source) is published]
-
-    first = kept(table.rows()[0][2])
+    first = _kept(table.rows()[0][2], published)
     lines = [
         f"\\begin{{tabular}}{{lll{'c' * len(first)}}}",
         r"\toprule",
         " & ".join(["", "Stage", "", *(escape(cell.figure.column) for cell in first)]) + r" \\",
-        " & ".join(["Seeds", "", "here", *(str(cell.seeds or "") for cell in first)]) + r" \\",
+        " & ".join(["Seeds", "", "here", *map(_seeds, first)]) + r" \\",
     ]
     for row, stage, cells in table.rows():
-        shown = kept(cells)
+        shown = _kept(cells, published)
         lines.append(r"\midrule")
         label = _stacked(textwrap.wrap(escape(row), 18), "l")
         lines.append(" & ".join([label, stage, "here", *(_tex_cell(cell, notes) for cell in shown)]) + r" \\")

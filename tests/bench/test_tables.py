@@ -172,7 +172,7 @@ def test_each_column_tells_its_seeds(tmp_path: Path, make_record: MakeRecord) ->
     make_record(tmp_path, method="dd-rq", **FULL)
     drawn = _drawn(tmp_path)
     assert "for each of 1 to 3 seeds" in drawn["ablation.md"]
-    assert "| Seeds |  | here | 1 |  |  |  |  | 3 |  |  |" in drawn["ablation.md"]
+    assert "| Seeds |  | here | 1 |  |  |  |  | 3 |\n" in drawn["ablation.md"]
     assert "Seeds &  & here & 1 &  &  &  &  & 3 \\\\" in drawn["ablation.tex"]
 
 
@@ -185,6 +185,11 @@ def test_dd_rq_plus_has_columns_where_it_was_run_or_tried(
     Store(tmp_path).fail(make_spec(method="dd-rq-plus", scenario="b", **FULL), Failure("train", 5, "tripped"))
     drawn = _drawn(tmp_path)
     assert _cells(drawn["ablation.csv"])["collision_rate", "DD-RQ-plus", "A"]["value"] == "0"
+    published, own = drawn["ablation.md"].split("Not in the paper:")
+    assert "| paper | 0 % | 0 % | 2 % | 3 % | 0 % | 49.7 % |" in published
+    assert "| Ours | Tc=1.0 | Tc=3.0 | Tc=5.0 | Tc=7.0 | SAC |" in published
+    assert "| mean Tc | shuffled RQ | DD-RQ-plus |" in own
+    assert "paper" not in own.partition("[1]")[0]
     reason = _cells(drawn["collision.csv"])["collision_rate", "DD-RQ-plus", "A"]["reason"]
     assert reason == "seed 0 failed at step 5 (train): tripped"
 
