@@ -113,12 +113,13 @@ def cells(run: RunStatus) -> tuple[str, str, str, str, str]:
     """Progress, rate, time left, running collision rate and memory of a run, for people."""
     if run.phase is not Phase.RUNNING:
         return ("", "", duration(run.seconds) if run.phase is Phase.DONE else "", "", "")
-    unit = {"evaluate": "episodes/s", "risk model": "epochs/s"}.get(run.stage, "steps/s")
+    # An epoch of the risk model takes ten seconds and more.
+    scale, unit = {"evaluate": (1.0, "episodes/s"), "risk model": (60.0, "epochs/min")}.get(run.stage, (1.0, "steps/s"))
     left = run.eta_s
     collisions = run.scalars.get("collision_rate")
     return (
         f"{run.stage} {run.percent:.0f} %" if run.stage else "starting",
-        f"{run.rate:,.0f} {unit}" if run.done else "",
+        f"{scale * run.rate:,.0f} {unit}" if run.done else "",
         "" if left is None else duration(left),
         "" if collisions is None else f"{100.0 * collisions:.1f} %",
         _memory(run),

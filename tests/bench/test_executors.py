@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from bench import sweep
-from bench.display import Lines, LiveTable, Silent
+from bench.display import Lines, LiveTable, Silent, cells
 from bench.errors import LockedError
 from bench.executors import LocalExecutor, death
 from bench.lock import LOCK_NAME
@@ -134,6 +134,13 @@ def test_the_live_table_shows_every_phase_without_reading_names_as_markup(make_s
     assert "25.0 %" in text
     assert "MiB" in text
     assert "2/6 done" in text
+
+
+@pytest.mark.parametrize(("stage", "text"), [("risk model", "6 epochs/min"), ("evaluate", "0 episodes/s")])
+def test_a_slow_stage_has_a_rate_that_can_be_read(make_spec: Make, stage: str, text: str) -> None:
+    run = RunStatus(make_spec(), _stage_started=time.monotonic() - 30.0)
+    run.phase, run.pid, run.stage, run.done, run.total = Phase.RUNNING, os.getpid(), stage, 3, 15
+    assert cells(run)[1] == text
 
 
 def test_the_time_left_comes_from_runs_of_the_same_method(make_spec: Make) -> None:
