@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,9 +95,11 @@ def lean_step(
         value_r, value_c = (
             _through(critic.net_lst[0], obs).squeeze(-1) for critic in (agent.reward_critic, agent.cost_critic)
         )
-        distribution = torch.distributions.Normal(_through(agent.actor.mean, obs), torch.exp(agent.actor.log_std))
-        action = distribution.mean if deterministic else distribution.rsample()
-        return action, value_r, value_c, distribution.log_prob(action).sum(dim=-1)
+        mean, deviation = _through(agent.actor.mean, obs), torch.exp(agent.actor.log_std)
+        action = mean if deterministic else mean + torch.randn_like(mean) * deviation
+        squares = (action - mean) ** 2 / (2 * deviation**2)
+        log_density = -squares - deviation.log() - math.log(math.sqrt(2 * math.pi))
+        return action, value_r, value_c, log_density.sum(dim=-1)
 
 
 def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor:
@@ -112,18 +115,38 @@ def _through(network: torch.nn.Sequential, values: torch.Tensor) -> torch.Tensor
 
 
 @dataclass(frozen=True, slots=True)
-class _Curvature:
-    """The gradient of KL to the present policy, with its graph; every Fisher product of an actor's update needs it.
+class _Moment:
+    """What an actor's output depends on.
 
     Attributes:
-        observations: Where KL is measured.
-        parameters: Copies of the actor's, to know whether the graph still holds.
-        kl: The divergence, zero but for rounding.
-        gradient: Shape (parameters,), zero in value; its own gradient is the Fisher matrix.
+        observations: The very tensor.
+        parameters: Copies of the actor's.
     """
 
     observations: torch.Tensor
     parameters: tuple[torch.Tensor, ...]
+
+    @classmethod
+    def of(cls, actor: Any, observations: torch.Tensor) -> _Moment:
+        return cls(observations, tuple(parameter.detach().clone() for parameter in actor.parameters()))
+
+    def holds(self, actor: Any, observations: torch.Tensor) -> bool:
+        """Whether neither observations nor parameters are others by now."""
+        pairs = zip(self.parameters, actor.parameters(), strict=True)
+        return self.observations is observations and all(torch.equal(copy, now) for copy, now in pairs)
+
+
+@dataclass(frozen=True, slots=True)
+class _Curvature:
+    """The gradient of KL to the present policy, with its graph; every Fisher product of an actor's update needs it.
+
+    Attributes:
+        moment: Policy and observations that it holds for.
+        kl: The divergence, zero but for rounding.
+        gradient: Shape (parameters,), zero in value; its own gradient is the Fisher matrix.
+    """
+
+    moment: _Moment
     kl: float
     gradient: torch.Tensor
 
@@ -134,13 +157,8 @@ class _Curvature:
         kl = torch.distributions.kl.kl_divergence(fixed, policy).mean()
         parameters = tuple(actor.parameters())
         gradients = torch.autograd.grad(kl, parameters, create_graph=True)
-        copies = tuple(parameter.detach().clone() for parameter in parameters)
-        return cls(observations, copies, kl.item(), torch.cat([gradient.view(-1) for gradient in gradients]))
-
-    def holds(self, actor: Any, observations: torch.Tensor) -> bool:
-        """Whether neither observations nor parameters are others by now."""
-        pairs = zip(self.parameters, actor.parameters(), strict=True)
-        return self.observations is observations and all(torch.equal(copy, now) for copy, now in pairs)
+        flat = torch.cat([gradient.view(-1) for gradient in gradients])
+        return cls(_Moment.of(actor, observations), kl.item(), flat)
 
 
 def fisher_product(trainer: Any, vector: torch.Tensor) -> torch.Tensor:
@@ -156,7 +174,7 @@ def fisher_product(trainer: Any, vector: torch.Tensor) -> torch.Tensor:
     actor = trainer._actor_critic.actor
     actor.zero_grad()
     curvature: _Curvature | None = getattr(trainer, "_curvature", None)
-    if curvature is None or not curvature.holds(actor, trainer._fvp_obs):
+    if curvature is None or not curvature.moment.holds(actor, trainer._fvp_obs):
         trainer._curvature = curvature = _Curvature.of(actor, trainer._fvp_obs)
     along = (curvature.gradient * vector).sum()
     products = torch.autograd.grad(along, tuple(actor.parameters()), retain_graph=True)
@@ -164,6 +182,24 @@ def fisher_product(trainer: Any, vector: torch.Tensor) -> torch.Tensor:
     flat = torch.cat([product.contiguous().view(-1) for product in products])
     damping: float = trainer._cfgs.algo_cfgs.cg_damping
     return flat + damping * vector
+
+
+def remembering(distribution: Callable[[Any, torch.Tensor], Any]) -> Callable[[Any, torch.Tensor], Any]:
+    """An actor's `_distribution` that answers the same question once: a line search asks three times at each step.
+
+    Only without gradients: a graph can be gone through once.
+    """
+
+    def remembered(actor: Any, observations: torch.Tensor) -> Any:
+        if torch.is_grad_enabled():
+            return distribution(actor, observations)
+        before: tuple[_Moment, Any] | None = getattr(actor, "_remembered", None)
+        if before is None or not before[0].holds(actor, observations):
+            before = _Moment.of(actor, observations), distribution(actor, observations)
+            actor._remembered = before
+        return before[1]
+
+    return remembered
 
 
 def deterministic_algorithms(mode: bool) -> None:
@@ -182,11 +218,13 @@ def _replacements() -> list[tuple[Any, str, Any]]:
     """Module, name and replacement of everything that is replaced."""
     buffers = omnisafe_module("omnisafe.common.buffer.onpolicy_buffer")
     base = omnisafe_module("omnisafe.algorithms.on_policy.base.policy_gradient")
+    gaussian = omnisafe_module("omnisafe.models.actor.gaussian_learning_actor").GaussianLearningActor
     found: list[tuple[Any, str, Any]] = [
         (buffers, "discount_cumsum", discounted_sums),
         (base, "VectorOnPolicyBuffer", joined_storage(base.VectorOnPolicyBuffer)),
         (omnisafe_module("omnisafe.common.logger"), "Console", SilentConsole),
         (omnisafe_module("omnisafe.algorithms.on_policy.base.natural_pg").NaturalPG, "_fvp", fisher_product),
+        (gaussian, "_distribution", remembering(gaussian._distribution)),
         (torch, "use_deterministic_algorithms", deterministic_algorithms),
         (omnisafe_module("omnisafe.models.actor_critic").ConstraintActorCritic, "step", lean_step),
     ]

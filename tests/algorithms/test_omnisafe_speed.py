@@ -18,6 +18,7 @@ from algorithms.omnisafe_speed import (
     fisher_product,
     joined_storage,
     lean_step,
+    remembering,
 )
 
 needs_omnisafe = pytest.mark.skipif(
@@ -125,6 +126,40 @@ def test_a_fisher_product_is_omnisafes_also_when_policy_or_observations_are_othe
         seen.append(ours - 0.1 * vector)
     assert stored[::2] == stored[1::2]
     assert all(product.abs().max() > 1e-3 for product in seen)
+
+
+@needs_omnisafe
+def test_a_policy_is_asked_once_for_the_same_and_again_when_policy_or_observations_are_others():
+    actor = actor_critic("relu").actor
+    asked = []
+
+    def distribution(actor, observations):
+        asked.append(observations)
+        return type(actor)._distribution(actor, observations)
+
+    remembered, observations = remembering(distribution), torch.randn(7, 3)
+    with torch.no_grad():
+        first = remembered(actor, observations)
+        assert remembered(actor, observations) is first
+        next(actor.mean.parameters()).data.add_(0.1)
+        other_policy = remembered(actor, observations)
+        assert torch.equal(other_policy.mean, actor(observations).mean)
+        others = torch.randn(7, 3)
+        assert torch.equal(remembered(actor, others).mean, actor(others).mean)
+    assert len(asked) == 3
+    assert not torch.equal(first.mean, other_policy.mean)
+
+
+@needs_omnisafe
+def test_a_policy_with_gradients_has_a_graph_of_its_own_each_time():
+    actor, observations = actor_critic("relu").actor, torch.randn(7, 3)
+    remembered = remembering(type(actor)._distribution)
+    with torch.no_grad():
+        remembered(actor, observations)
+    for _ in range(2):
+        actor.zero_grad()
+        remembered(actor, observations).mean.sum().backward()
+        assert all(parameter.grad.abs().max() > 0 for parameter in actor.mean.parameters())
 
 
 @needs_omnisafe
