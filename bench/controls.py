@@ -69,7 +69,7 @@ def remarks(selection: Selection, scenario: str) -> list[str]:
 
 
 def _compare(selection: Selection, scenario: str, method: str, control: str) -> str:
-    shown, better = [], []
+    shown, better, worse = [], [], []
     for measure in MEASURES:
         first, second = (
             [measure.scale * measure.value(c) for c in selection.counts(scenario, name, measure.stage) if c.episodes]
@@ -79,10 +79,13 @@ def _compare(selection: Selection, scenario: str, method: str, control: str) -> 
             return ""
         estimate = mean_difference(first, second, LEVEL)
         shown.append(f"{measure.name} {measure.stage} {_text(estimate, measure.unit)}")
-        bound = estimate.interval.low if measure.sign > 0 else -estimate.interval.high
-        if bound > 0.0:
+        low, high = sorted((measure.sign * estimate.interval.low, measure.sign * estimate.interval.high))
+        if low > 0.0:
             better.append(f"{measure.name} {measure.stage}")
-    verdict = f"better in {' and '.join(better)}" if better else "better in nothing that these seeds can show"
+        if high < 0.0:
+            worse.append(f"{measure.name} {measure.stage}")
+    verdicts = [f"{word} in {' and '.join(names)}" for word, names in (("better", better), ("worse", worse)) if names]
+    verdict = ", ".join(verdicts) or "neither better nor worse as far as these seeds can show"
     return f"{method} minus its control {control}: {', '.join(shown)}: {verdict}."
 
 

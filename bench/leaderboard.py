@@ -11,15 +11,22 @@ from typing import Any, Final
 
 from algorithms import atomic
 from bench.records import Record
-from bench.statistics import collisions_per_1000_km, exact_rate, format_rate, seed_rate
-from bench.summary import StageCounts, count_record, pooled
+from bench.statistics import Interval, collisions_per_1000_km, exact_rate, format_rate
+from bench.summary import StageCounts, collision_rate, count_record, pooled
 
 Row = dict[str, Any]
 
 RANKING: Final = (
-    "Ranked safe first, then fast: all whose interval for new seeds overlaps that of the safest are tied on "
-    "safety and ordered by speed, then the rest in the same way."
+    "Ranked safe first, then fast: all that cannot be told from the safest are tied on safety and ordered by speed, "
+    "then the rest in the same way."
 )
+
+TOLD_APART: Final = 0.834
+"""Level of intervals that just touch where a difference is significant at 5 %; those of 95 % tie what differs.
+
+Source: Goldstein and Healy, The graphical presentation of a collection of means (1995), for equal standard errors.
+"""
+_SPAN: Final = "interval that ranks"
 
 COLUMNS: Final[dict[str, str]] = {
     "rank": "within scenario, stage and cost: safe first, then fast",
@@ -34,11 +41,12 @@ COLUMNS: Final[dict[str, str]] = {
     "settings": "method settings that were given",
     "seeds": "number of seeds",
     "episodes": "finished episodes, all seeds",
+    "scenarios": "distinct episodes to drive among them: in application all seeds drive the same list",
     "collisions": "episodes that ended in a collision",
     "collision_rate": "collisions / episodes",
-    "collision_low": "exact 95 % interval of the pooled count (Clopper-Pearson): for these policies",
+    "collision_low": "exact 95 % interval (Clopper-Pearson, each distinct episode once): for these policies",
     "collision_high": "its upper end",
-    "collision_seeds_low": "95 % interval for new seeds (bench.statistics.seed_rate)",
+    "collision_seeds_low": "95 % interval for new seeds (bench.statistics.seed_rate), of two seeds and more",
     "collision_seeds_high": "its upper end",
     "collisions_by_seed": "collisions/episodes of each seed",
     "ego_at_fault": "collisions with the ego at fault",
@@ -116,11 +124,14 @@ def _row(group: Sequence[Record], stage: str) -> Row:
 
 def _figures(counts: Sequence[StageCounts]) -> Row:
     total = pooled(counts)
-    exact = exact_rate(total.collisions, total.episodes)
-    over_seeds = seed_rate([c.collisions for c in counts], [c.episodes for c in counts]).interval
+    exact = total.collision_rate
+    replicated = sum(c.episodes > 0 for c in counts) > 1
+    over_seeds = collision_rate(counts).interval if replicated else Interval.none()
+    told_apart = collision_rate(counts, TOLD_APART).interval
     km = total.distance_m / 1000.0
     return {
         "episodes": total.episodes,
+        "scenarios": total.scenarios,
         "collisions": total.collisions,
         "collision_rate": exact.value,
         "collision_low": exact.low,
@@ -130,6 +141,7 @@ def _figures(counts: Sequence[StageCounts]) -> Row:
         "collisions_by_seed": " ".join(f"{c.collisions}/{c.episodes}" for c in counts),
         "collisions_per_1000_km": collisions_per_1000_km(total.collisions, km).per_1000_km,
         **total.figures(),
+        _SPAN: (told_apart.low, told_apart.high),
     }
 
 
@@ -150,12 +162,14 @@ def _ranked(found: list[Row]) -> list[Row]:
         place = 0
         while left:
             # The safest left, and all that its interval does not tell apart from it.
-            limit = _or_inf(left[0]["collision_seeds_high"])
-            tied = [row for row in left if row is left[0] or _or_inf(row["collision_seeds_low"]) <= limit]
+            limit = _or_inf(left[0][_SPAN][1])
+            tied = [row for row in left if row is left[0] or _or_inf(row[_SPAN][0]) <= limit]
             for row in sorted(tied, key=lambda row: (-_or_zero(row["speed_mps"]), _name(row))):
                 place += 1
                 ordered.append({"rank": place, **row})
             left = [row for row in left if not any(row is other for other in tied)]
+    for row in ordered:
+        del row[_SPAN]
     return ordered
 
 
@@ -199,12 +213,13 @@ def number(value: Any) -> str:
 
 def collision_text(row: Row) -> str:
     """Collisions as k/n with the exact interval, or a zero with its bound."""
-    return format_rate(exact_rate(row["collisions"], row["episodes"]))
+    return format_rate(exact_rate(row["collisions"], row["episodes"], independent=row["scenarios"]))
 
 
 BRACKETS: Final = (
-    "In brackets the exact 95 % interval for these policies; 'new seeds' is the 95 % interval for policies "
-    "trained with other seeds. A zero gives its one-sided bound."
+    "In brackets the exact 95 % interval for these policies, a zero with its one-sided bound; both count an episode of "
+    "the held-out list once, however many seeds drive it. 'New seeds' is the 95 % interval for policies trained with "
+    "other seeds, of methods with two seeds and more."
 )
 MARKDOWN: Final = (
     "rank", "method", "seeds", "collisions", "new seeds", "at fault", "speed m/s", "interventions", "return",

@@ -31,6 +31,7 @@ PLUS: Final = {
         ("plus, shuffled", "dd-rq-plus:share=shuffled"),
         ("plus, unaware", "dd-rq-plus:aware=False"),
         ("Tc=3, aware", "safety-guard:aware=True"),
+        ("no demand, aware", "safety-guard:aware=True,share=0.0"),
     ),
     "collision": (("DD-RQ-plus", "dd-rq-plus"),),
 }

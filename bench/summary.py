@@ -16,6 +16,7 @@ import pyarrow as pa
 from bench.errors import RecordError
 from bench.records import Record
 from bench.schema import column
+from bench.statistics import Rate, SeedRate, exact_rate, seed_rate
 from envs.scenario import STEP_S
 from envs.world import Ending, Fault
 
@@ -27,6 +28,8 @@ class StageCounts:
     """Sums over the finished episodes of one stage; they add up over seeds.
 
     Attributes:
+        stage: ``T`` or ``A``.
+        scenarios: Distinct episodes to drive among them: in application all seeds drive the same held-out list.
         episodes: Finished episodes.
         steps: Simulation steps of 0.1 s in them.
         endings: Episodes by `Ending`, shape (5,).
@@ -39,6 +42,8 @@ class StageCounts:
         ttc_min_s: Least time to collision of each episode, shape (episodes,) [s].
     """
 
+    stage: str
+    scenarios: int
     episodes: int
     steps: int
     endings: Array
@@ -54,6 +59,11 @@ class StageCounts:
     def collisions(self) -> int:
         """Episodes that ended in a collision."""
         return int(self.endings[Ending.COLLISION])
+
+    @property
+    def collision_rate(self) -> Rate:
+        """Collisions / episodes, with the exact interval for these policies and new episodes."""
+        return exact_rate(self.collisions, self.episodes, independent=self.scenarios)
 
     @property
     def speed_mps(self) -> float:
@@ -113,6 +123,8 @@ def count_record(record: Record, stage: str) -> StageCounts:
     distance = column(table, "distance").astype(np.float64)
     ending = column(table, "ending").astype(np.int64)
     return StageCounts(
+        stage=stage,
+        scenarios=table.num_rows,
         episodes=table.num_rows,
         steps=int(steps.sum()),
         endings=np.bincount(ending, minlength=len(Ending)),
@@ -136,9 +148,22 @@ def _refuse_nan(record: Record, stage: str, table: pa.Table) -> None:
 
 
 def pooled(counts: Sequence[StageCounts]) -> StageCounts:
-    """Counts of several seeds together."""
-    merged: dict[str, Any] = {}
+    """Counts of several seeds of a stage together."""
+    merged: dict[str, Any] = {"stage": counts[0].stage, "scenarios": distinct_scenarios(counts)}
     for field in dataclasses.fields(StageCounts):
-        values = [getattr(c, field.name) for c in counts]
-        merged[field.name] = np.concatenate(values) if field.name == "ttc_min_s" else sum(values[1:], values[0])
+        if field.name not in merged:
+            values = [getattr(c, field.name) for c in counts]
+            merged[field.name] = np.concatenate(values) if field.name == "ttc_min_s" else sum(values[1:], values[0])
     return StageCounts(**merged)
+
+
+def distinct_scenarios(counts: Sequence[StageCounts]) -> int:
+    """Distinct episodes to drive among those of several seeds: each trains on its own, all apply to the same list."""
+    numbers = [c.scenarios for c in counts]
+    return max(numbers) if counts and counts[0].stage == "A" else sum(numbers)
+
+
+def collision_rate(counts: Sequence[StageCounts], level: float = 0.95) -> SeedRate:
+    """Collision rate of several seeds, with an interval for new ones; empty without seeds."""
+    events, trials = [c.collisions for c in counts], [c.episodes for c in counts]
+    return seed_rate(events or [0], trials or [0], level, distinct_scenarios(counts))

@@ -18,8 +18,8 @@ from bench import controls, table_files
 from bench.published import TITLES, Figure, read_figures
 from bench.records import Collection
 from bench.selection import Selection, select, tried
-from bench.statistics import Interval, Rate, SeedInterval, format_rate, mean_interval, seed_rate
-from bench.summary import StageCounts
+from bench.statistics import Interval, SeedInterval, format_rate, mean_interval
+from bench.summary import StageCounts, collision_rate
 from bench.table_files import Cell, Table
 
 LEVEL: Final = 0.95
@@ -98,10 +98,10 @@ def cell(figure: Figure, selection: Selection) -> Cell:
 
 
 def _collision_rate(counts: Sequence[StageCounts]) -> Measured:
-    rate = seed_rate([c.collisions for c in counts], [c.episodes for c in counts])
+    rate = collision_rate(counts)
     if not rate.trials:
         return Measured(math.nan, Interval.none(LEVEL), "", 0)
-    text = format_rate(Rate(rate.events, rate.trials, rate.interval))
+    text = format_rate(rate.rate)
     if rate.method is SeedInterval.CLOPPER_PEARSON and rate.events and len(counts) == 1:
         text += ", one seed"
     low, high = 100.0 * rate.interval.low, 100.0 * rate.interval.high
@@ -147,7 +147,7 @@ def _caption(selection: Selection, scenario: str, cells: Sequence[Cell]) -> str:
     seeds = sorted({cell.seeds for cell in filled})
     number = f"{seeds[0]} seed{'s' if seeds[0] != 1 else ''}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]} seeds"
     return (
-        f"Scenario {', '.join(sorted(ids))}; {steps:,} training steps of 0.1 s, {episodes:,} held-out episodes for "
-        f"each of {number}. T: training, A: application. In brackets 95 % intervals over seeds; a zero gives a "
-        "one-sided bound."
+        f"Scenario {', '.join(sorted(ids))}; {steps:,} training steps of 0.1 s, the same {episodes:,} held-out episodes "
+        f"for each of {number}. T: training, A: application. In brackets 95 % intervals over seeds; a zero gives a "
+        "one-sided bound, for which a held-out episode counts once."
     )

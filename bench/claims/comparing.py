@@ -19,8 +19,8 @@ from bench.statistics import (
     holm,
     mcnemar_exact,
     rate_difference,
-    seed_rate,
 )
+from bench.summary import collision_rate
 
 Estimator = Callable[[float], Estimate]
 """The effect with an interval of the given level."""
@@ -85,9 +85,7 @@ def empty_part(name: str, groups: Sequence[Group], paper: float) -> Part:
 
 def pooled_rate(group: Group, level: float = LEVEL) -> SeedRate:
     """Collision rate of a group, with an interval for new seeds."""
-    if not group.counts:
-        return seed_rate([0], [0], level)
-    return seed_rate([c.collisions for c in group.counts], [c.episodes for c in group.counts], level)
+    return collision_rate(group.counts, level)
 
 
 def rates_apart(first: Group, second: Group, level: float) -> Estimate:

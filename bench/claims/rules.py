@@ -20,7 +20,6 @@ from bench.claims.evidence import Evidence, Group, return_after
 from bench.claims.verdict import Part, Verdict, shortfall
 from bench.statistics import (
     Interval,
-    Rate,
     episodes_for_zero_claim,
     format_rate,
     mean_difference,
@@ -47,14 +46,17 @@ def _zero_part(evidence: Evidence, scenario: str, method: str, stage: str) -> Pa
     rate = pooled_rate(group)
     if not rate.trials:
         return empty_part(group.label, [group], paper)
-    lacks = shortfall([group], SEEDS_MIN, episodes_for_zero_claim(least_told_from_zero(evidence)))
+    needed = episodes_for_zero_claim(least_told_from_zero(evidence))
+    lacks = shortfall([group], SEEDS_MIN, needed)
+    if not lacks and rate.independent < needed:
+        lacks = (f"{group.label}: {rate.independent:,} of at least {needed:,} distinct episodes",)
     if rate.events:
         verdict, reason = Verdict.NOT_REPRODUCED, f"{group.label}: {rate.events} collisions in {rate.trials} episodes"
     else:
         verdict = Verdict.UNDECIDED if lacks else Verdict.REPRODUCED
         reason = f"{group.label}: no collision in {rate.trials} episodes"
-    interval = rate.interval if rate.events else Interval(0.0, zero_event_bound(rate.trials, LEVEL), LEVEL)
-    text = format_rate(Rate(rate.events, rate.trials, rate.interval))
+    interval = rate.interval if rate.events else Interval(0.0, zero_event_bound(rate.independent, LEVEL), LEVEL)
+    text = format_rate(rate.rate)
     return Part(group.label, verdict, rate.value, interval, -interval.high, text, (group,), reason, lacks, paper)
 
 

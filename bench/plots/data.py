@@ -16,8 +16,8 @@ from bench.plots.style import order
 from bench.records import Collection, Record
 from bench.schema import column
 from bench.settings import DEFAULT_LIMIT, DEFAULT_SIGNAL
-from bench.statistics import Interval, SeedRate, mean_interval, seed_rate
-from bench.summary import StageCounts, count_record
+from bench.statistics import Interval, SeedRate, mean_interval
+from bench.summary import StageCounts, collision_rate, count_record
 from bench.tables import table_selection
 
 Array = npt.NDArray[Any]
@@ -42,8 +42,7 @@ class Runs:
 
     def collision_rate(self, stage: str) -> SeedRate:
         """Pooled, with its interval over seeds."""
-        counts = self.counts(stage)
-        return seed_rate([c.collisions for c in counts] or [0], [c.episodes for c in counts] or [0])
+        return collision_rate(self.counts(stage))
 
     def mean(self, stage: str, value: Callable[[StageCounts], float], scale: float = 1.0) -> tuple[float, Interval]:
         """Mean over seeds with its interval; NaN without runs, no interval of one seed."""

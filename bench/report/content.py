@@ -9,7 +9,7 @@ from typing import Any, Final
 from bench import claims, leaderboard, learning_curve, tables
 from bench.published import TITLES
 from bench.records import Collection, Record
-from bench.statistics import exact_rate, format_rate
+from bench.statistics import format_rate
 from bench.summary import count_record
 from bench.table_files import Cell, Table
 from envs.scenario import STEP_S
@@ -96,7 +96,7 @@ def _stage(record: Record, stage: str) -> dict[str, Any]:
         "episodes": counts.episodes,
         "hours": plain(counts.steps * STEP_S / 3600.0),
         "collisions": counts.collisions,
-        "collision_text": format_rate(exact_rate(counts.collisions, counts.episodes)) if counts.episodes else "",
+        "collision_text": format_rate(counts.collision_rate) if counts.episodes else "",
         **{name: plain(figures[name]) for name in STAGE_FIGURES},
     }
 

@@ -19,11 +19,13 @@ class Rate:
         events: Number of trials with the event, 0 to `trials`.
         trials: Number of trials; 0 gives a NaN value and an empty interval.
         interval: Confidence interval of the rate.
+        independent: Trials that count as independent, at most `trials`.
     """
 
     events: int
     trials: int
     interval: Interval
+    independent: int
 
     @property
     def value(self) -> float:
@@ -41,32 +43,45 @@ class Rate:
         return self.interval.high
 
 
-def exact_rate(events: SupportsIndex, trials: SupportsIndex, level: float = 0.95) -> Rate:
+def exact_rate(
+    events: SupportsIndex, trials: SupportsIndex, level: float = 0.95, independent: SupportsIndex | None = None
+) -> Rate:
     """Rate with the exact Clopper-Pearson interval for independent trials.
 
     Coverage is at least `level` for every true rate, and above it for rare events: the count is discrete
     (about 98 % at two expected events). Trials of one trained policy share its luck, so across seeds use
     `bench.statistics.seed_rate`.
 
-    Source: Clopper and Pearson (1934), Biometrika 26, as quantiles of the beta distribution.
+    Several policies that drive the same situations are not so many independent trials: what one does in a
+    situation, the others tend to do. How alike they are is not known for events that were not seen, so that
+    the worst is assumed, entirely: the interval is that of `independent` trials at the same rate.
+
+    Source: Clopper and Pearson (1934), Biometrika 26, as quantiles of the beta distribution; the effective number
+    of trials of clusters with intra-class correlation 1: Kish, Survey Sampling (1965), section 5.4.
 
     Args:
         events: Trials with the event, 0 to `trials`.
         trials: Trials, >= 0; 0 gives NaN and an empty interval.
         level: Two-sided level, in (0, 1).
+        independent: Distinct situations among the trials, 1 to `trials`; all of them unless given.
 
     Raises:
-        ValueError: A count is negative or not whole, events exceed trials, or the level is outside (0, 1).
+        ValueError: A count is negative or not whole, events exceed trials, situations exceed trials, or the level
+            is outside (0, 1).
     """
     k, n = _checks.count("events", events), _checks.count("trials", trials)
     if k > n:
         raise ValueError(f"events {k} exceed trials {n}: count each trial once, and events among the same trials")
+    distinct = n if independent is None else _checks.count("independent", independent)
+    if not min(n, 1) <= distinct <= n:
+        raise ValueError(f"independent {distinct}: must be 1 to {n}, the number of trials")
     tail = (1.0 - _checks.fraction("level", level)) / 2.0
     if n == 0:
-        return Rate(k, n, Interval.none(level))
-    low = 0.0 if k == 0 else beta_quantile(tail, k, n - k + 1)
-    high = 1.0 if k == n else beta_quantile(1.0 - tail, k + 1, n - k)
-    return Rate(k, n, Interval(low, high, level))
+        return Rate(k, n, Interval.none(level), distinct)
+    seen = k * distinct / n
+    low = 0.0 if k == 0 else beta_quantile(tail, seen, distinct - seen + 1)
+    high = 1.0 if k == n else beta_quantile(1.0 - tail, seen + 1, distinct - seen)
+    return Rate(k, n, Interval(low, high, level), distinct)
 
 
 def zero_event_bound(trials: SupportsIndex, confidence: float = 0.95) -> float:
@@ -110,14 +125,15 @@ def episodes_for_zero_claim(max_rate: float, confidence: float = 0.95) -> int:
 def format_rate(rate: Rate) -> str:
     """A rate as the tables write it, in percent.
 
-    `12/400 = 3.0 % (1.6 to 5.2)`; a zero as `0/400 (<= 0.75 %)` with the one-sided bound at the interval's
-    level, rounded up; no trials as `0/0 (no episodes)`. Near 0 and 100 % two significant digits stay.
+    `12/400 = 3.0 % (1.6 to 5.2)`; a zero as `0/400 (<= 0.75 %)` with the one-sided bound of the independent trials
+    at the interval's level, rounded up; no trials as `0/0 (no episodes)`. Near 0 and 100 % two significant digits
+    stay.
     """
     if rate.trials == 0:
         return f"{rate.events}/0 (no episodes)"
     head = f"{rate.events}/{rate.trials}"
     if rate.events == 0:
-        bound = 100.0 * zero_event_bound(rate.trials, rate.interval.level)
+        bound = 100.0 * zero_event_bound(rate.independent, rate.interval.level)
         places = _decimals(bound)
         rounded_up = math.ceil(bound * 10**places - 1e-9) / 10**places
         return f"{head} (<= {rounded_up:.{places}f} %)"

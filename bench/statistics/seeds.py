@@ -42,7 +42,7 @@ from bench.statistics import _checks
 from bench.statistics._checks import IntArray
 from bench.statistics._distributions import normal_quantile, t_quantile
 from bench.statistics.intervals import Interval
-from bench.statistics.rates import exact_rate
+from bench.statistics.rates import Rate, exact_rate
 from bench.statistics.resampling import logit_t_interval, replicate_counts
 
 BINOMIAL_FLOOR = 0.5
@@ -64,6 +64,7 @@ class SeedRate:
         events: Events summed over seeds.
         trials: Trials summed over seeds.
         seeds: Seeds with at least one trial.
+        independent: Trials that count as independent, at most `trials`.
         interval: Confidence interval of the rate, in [0, 1]; empty without trials.
         method: How the interval was made; Clopper-Pearson speaks for new episodes of these seeds only.
     """
@@ -71,8 +72,14 @@ class SeedRate:
     events: int
     trials: int
     seeds: int
+    independent: int
     interval: Interval
     method: SeedInterval
+
+    @property
+    def rate(self) -> Rate:
+        """The same without its seeds."""
+        return Rate(self.events, self.trials, self.interval, self.independent)
 
     @property
     def value(self) -> float:
@@ -80,7 +87,9 @@ class SeedRate:
         return self.events / self.trials if self.trials else math.nan
 
 
-def seed_rate(events: npt.ArrayLike, trials: npt.ArrayLike, level: float = 0.95) -> SeedRate:
+def seed_rate(
+    events: npt.ArrayLike, trials: npt.ArrayLike, level: float = 0.95, independent: SupportsIndex | None = None
+) -> SeedRate:
     """Pooled rate with a cluster interval over seeds that covers with five seeds.
 
     Variance: jackknife over seeds of the ratio sum(events) / sum(trials), which for equal trials is the
@@ -96,24 +105,29 @@ def seed_rate(events: npt.ArrayLike, trials: npt.ArrayLike, level: float = 0.95)
         events: Events per seed, shape (seeds,), 0 <= events <= trials.
         trials: Trials per seed, shape (seeds,), >= 0.
         level: Two-sided level, in (0, 1).
+        independent: Distinct situations among the trials, as in `bench.statistics.exact_rate`: fewer than the
+            trials where all seeds drive the same list. Matters where seeds cannot speak: for all-zero, all-one and
+            single-seed data, and for the least half-width.
 
     Raises:
-        ValueError: Counts are negative, not whole, of unequal length or more events than trials.
+        ValueError: Counts are negative, not whole, of unequal length, more events than trials, or more distinct
+            situations than trials.
     """
     k, n = _seed_counts(events, trials)
     total_events, total = int(k.sum()), int(n.sum())
     _checks.fraction("level", level)
+    pooled = exact_rate(total_events, total, level, independent)
     if k.size < 2 or total_events in (0, total):
-        pooled = exact_rate(total_events, total, level).interval
-        return SeedRate(total_events, total, k.size, pooled, SeedInterval.CLOPPER_PEARSON)
+        method = SeedInterval.CLOPPER_PEARSON
+        return SeedRate(total_events, total, k.size, pooled.independent, pooled.interval, method)
     rate = total_events / total
     residual = (k - rate * n) / (1.0 - n / total)
     error = math.sqrt((k.size - 1) / k.size * float(residual @ residual)) / total
-    binomial_error = math.sqrt(rate * (1.0 - rate) / total)
+    binomial_error = math.sqrt(rate * (1.0 - rate) / pooled.independent)
     floor = BINOMIAL_FLOOR * normal_quantile(0.5 + level / 2.0) * binomial_error
     half = max(t_quantile(0.5 + level / 2.0, k.size - 1) * error, floor)
     interval = logit_t_interval(rate, half, total, level)
-    return SeedRate(total_events, total, k.size, interval, SeedInterval.LOGIT_T)
+    return SeedRate(total_events, total, k.size, pooled.independent, interval, SeedInterval.LOGIT_T)
 
 
 def percentile_seed_rate(
@@ -142,10 +156,11 @@ def percentile_seed_rate(
     tail = (1.0 - _checks.fraction("level", level)) / 2.0
     method = SeedInterval.PERCENTILE_BOOTSTRAP
     if k.size == 0:
-        return SeedRate(0, 0, 0, Interval.none(level), method)
+        return SeedRate(0, 0, 0, 0, Interval.none(level), method)
     drawn = replicate_counts(rng, k.size, resamples)
     low, high = np.quantile((drawn @ k) / (drawn @ n), [tail, 1.0 - tail])
-    return SeedRate(int(k.sum()), int(n.sum()), k.size, Interval(float(low), float(high), level), method)
+    total = int(n.sum())
+    return SeedRate(int(k.sum()), total, k.size, total, Interval(float(low), float(high), level), method)
 
 
 def _seed_counts(events: npt.ArrayLike, trials: npt.ArrayLike) -> tuple[IntArray, IntArray]:

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench.statistics import exact_rate, seed_rate
+from bench.statistics import Interval, exact_rate, seed_rate
 from envs.world import Ending, Fault
 
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -67,14 +67,23 @@ def _collisions(columns: Columns) -> int:
     return int((columns["ending"] == Ending.COLLISION).sum())
 
 
-def _seed_interval(seeds: Sequence[Columns], high: bool) -> float:
-    interval = seed_rate([_collisions(c) for c in seeds], [len(c["ending"]) for c in seeds]).interval
-    return interval.high if high else interval.low
+def _scenarios(seeds: Sequence[Columns], stage: str) -> int:
+    """In application all seeds drive the same list, in training each its own."""
+    numbers = [len(c["ending"]) for c in seeds]
+    return max(numbers) if stage == "A" else sum(numbers)
 
 
-def _exact(columns: Columns, high: bool) -> float:
-    rate = exact_rate(_collisions(columns), len(columns["ending"]))
-    return rate.high if high else rate.low
+def _exact(seeds: Sequence[Columns], stage: str) -> Interval:
+    episodes = sum(len(c["ending"]) for c in seeds)
+    collisions = sum(map(_collisions, seeds))
+    return exact_rate(collisions, episodes, independent=_scenarios(seeds, stage)).interval
+
+
+def _over_seeds(seeds: Sequence[Columns], stage: str) -> Interval:
+    episodes = [len(c["ending"]) for c in seeds]
+    if sum(n > 0 for n in episodes) < 2:
+        return Interval.none()
+    return seed_rate([_collisions(c) for c in seeds], episodes, independent=_scenarios(seeds, stage)).interval
 
 
 def _speed(columns: Columns) -> float:
@@ -96,22 +105,10 @@ def _seed_mean(formula: str, columns: tuple[str, ...], figure: Callable[[Columns
 
 
 _RATE: Final = f"sum(ending = {int(Ending.COLLISION)}) / count(*)"
-LEADERBOARD: Final[dict[str, Query]] = {
+_LEADERBOARD: Final[dict[str, Query]] = {
     "episodes": _over_all("count(*)", ("ending",), lambda c: float(len(c["ending"]))),
     "collisions": _over_all(f"sum(ending = {int(Ending.COLLISION)})", ("ending",), lambda c: float(_collisions(c))),
     "collision_rate": _over_all(_RATE, ("ending",), lambda c: _collisions(c) / len(c["ending"])),
-    "collision_low": _over_all(f"Clopper-Pearson, lower end, of {_RATE}", ("ending",), lambda c: _exact(c, False)),
-    "collision_high": _over_all(f"Clopper-Pearson, upper end, of {_RATE}", ("ending",), lambda c: _exact(c, True)),
-    "collision_seeds_low": Query(
-        f"bench.statistics.seed_rate, lower end, of each seed's {_RATE}",
-        ("ending",),
-        lambda s: _seed_interval(s, False),
-    ),
-    "collision_seeds_high": Query(
-        f"bench.statistics.seed_rate, upper end, of each seed's {_RATE}",
-        ("ending",),
-        lambda seeds: _seed_interval(seeds, True),
-    ),
     "ego_at_fault": _over_all("sum(ego_at_fault)", ("ego_at_fault",), lambda c: c["ego_at_fault"].sum()),
     "ahead_collisions": _fault(Fault.AHEAD),
     "side_collisions": _fault(Fault.SIDE),
@@ -145,7 +142,24 @@ LEADERBOARD: Final[dict[str, Query]] = {
     "jerk_mps3": _share("jerk_sum"),
     "lane_changes": _mean("lane_changes"),
 }
-"""By column of the leaderboard; the other columns are read from ``run.json``."""
+
+
+def of_leaderboard(stage: str) -> dict[str, Query]:
+    """By column of the leaderboard, for stage ``T`` or ``A``; the other columns are read from ``run.json``."""
+    exact = "bench.statistics.exact_rate of all seeds together, each distinct episode once"
+    over_seeds = f"bench.statistics.seed_rate of each seed's {_RATE}"
+    ending = ("ending",)
+    return {
+        **_LEADERBOARD,
+        "scenarios": Query(
+            f"{'max' if stage == 'A' else 'sum'} over seeds of count(*)", ending, lambda s: float(_scenarios(s, stage))
+        ),
+        "collision_low": Query(f"{exact}, lower end", ending, lambda s: _exact(s, stage).low),
+        "collision_high": Query(f"{exact}, upper end", ending, lambda s: _exact(s, stage).high),
+        "collision_seeds_low": Query(f"{over_seeds}, lower end", ending, lambda s: _over_seeds(s, stage).low),
+        "collision_seeds_high": Query(f"{over_seeds}, upper end", ending, lambda s: _over_seeds(s, stage).high),
+    }
+
 
 TABLES: Final[dict[str, Query]] = {
     "collision_rate": _over_all(f"100 * {_RATE}", ("ending",), lambda c: 100.0 * _collisions(c) / len(c["ending"])),

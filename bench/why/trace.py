@@ -16,10 +16,10 @@ from bench.errors import UsageError
 from bench.published import Figure
 from bench.records import Collection, Record
 from bench.schema import column
-from bench.statistics import exact_rate, format_rate
+from bench.statistics import format_rate
 from bench.summary import count_record, pooled
 from bench.why.address import BOARD, Address
-from bench.why.queries import LEADERBOARD, TABLES, Query
+from bench.why.queries import TABLES, Query, of_leaderboard
 from envs.scenario import UnknownNameError
 
 FILES = {"T": store.TRAIN_FILE, "A": store.EVAL_FILE}
@@ -129,7 +129,7 @@ def _board(address: Address, collection: Collection, path: Path) -> Trace:
             key=lambda record: record.spec.seed,
         )
     )
-    query = LEADERBOARD.get(address.figure)
+    query = of_leaderboard(address.stage).get(address.figure)
     value = row[address.figure] if query is None else _compute(query, records, address.stage)
     if isinstance(row[address.figure], int) and not math.isnan(value):
         value = int(value)
@@ -243,7 +243,7 @@ def _collisions(found: Trace) -> str:
     if not found.records:
         return ""
     counts = pooled([count_record(record, found.stage) for record in found.records])
-    return f"collisions {format_rate(exact_rate(counts.collisions, counts.episodes))}" if counts.episodes else ""
+    return f"collisions of these policies {format_rate(counts.collision_rate)}" if counts.episodes else ""
 
 
 def as_text(found: Trace) -> str:

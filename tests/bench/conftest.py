@@ -175,9 +175,9 @@ def standard_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
                     scenario_version=1,
                     seed=seed,
                     steps=500_000,
-                    eval_episodes=1_000,
+                    eval_episodes=2_500,
                 )
-                write_record(results, spec, collisions, collisions, 900, look)
+                write_record(results, spec, collisions * 5 // 2, collisions, 900, look)
     return results
 
 

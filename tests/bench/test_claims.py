@@ -18,7 +18,7 @@ from bench.records import collect, read_record
 from bench.statistics import Estimate, Interval, episodes_for_zero_claim
 
 MakeRecord = Callable[..., Path]
-FULL = {"steps": 500_000, "eval_episodes": 1_000, "trained": 900}
+FULL = {"steps": 500_000, "eval_episodes": 2_500, "trained": 900}
 GUARDS = ("safety-guard:tc=1.0", "safety-guard", "safety-guard:tc=5.0", "safety-guard:tc=7.0")
 
 
@@ -49,7 +49,7 @@ def test_the_json_is_a_list_with_the_promised_keys(standard_results: Path, tmp_p
     assert first["effect"] == 0.0
     assert first["interval"][0] == 0.0
     assert 0.0 < first["interval"][1] < 0.0012, "a zero has its bound"
-    assert first["n"] == 2 * 3 * (900 + 1_000)
+    assert first["n"] == 2 * 3 * (900 + 2_500)
     assert len(first["records"]) == 6
     assert all((standard_results / "runs" / name).is_dir() for name in first["records"])
 
@@ -64,7 +64,7 @@ def test_one_collision_refutes_zero_even_with_a_single_seed(tmp_path: Path, make
     make_record(tmp_path, method="dd-rq", collisions=1, **FULL)
     claim = _judged(tmp_path)["C1"]
     assert claim.verdict is Verdict.NOT_REPRODUCED
-    assert claim.reason == "dd-rq on a, A: 1 collisions in 1000 episodes"
+    assert claim.reason == "dd-rq on a, A: 1 collisions in 2500 episodes"
 
 
 def test_a_zero_without_enough_seeds_or_episodes_stays_undecided(tmp_path: Path, make_record: MakeRecord) -> None:
@@ -80,6 +80,16 @@ def test_a_zero_without_enough_seeds_or_episodes_stays_undecided(tmp_path: Path,
     claim = _judged(tmp_path)["C1"]
     assert claim.verdict is Verdict.UNDECIDED
     assert "dd-rq on a, T: 2,400 of at least 2,495 episodes" in claim.reason
+    assert "dd-rq on a, A" not in claim.reason
+
+
+def test_the_held_out_list_is_no_longer_for_being_driven_by_more_seeds(tmp_path: Path, make_record: MakeRecord) -> None:
+    for scenario in "ab":
+        for seed in range(3):
+            make_record(tmp_path, method="dd-rq", scenario=scenario, seed=seed, **{**FULL, "eval_episodes": 2_000})
+    claim = _judged(tmp_path)["C1"]
+    assert claim.verdict is Verdict.UNDECIDED
+    assert claim.reason == "; ".join(f"dd-rq on {s}, A: 2,000 of at least 2,495 distinct episodes" for s in "ab")
 
 
 def test_a_zero_must_be_told_from_the_least_rate_that_the_paper_prints(standard_results: Path) -> None:

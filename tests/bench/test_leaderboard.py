@@ -31,8 +31,10 @@ def test_seeds_are_pooled_and_every_figure_is_the_one_worked_by_hand(tmp_path: P
     assert (applied["stage"], trained["stage"]) == ("A", "T")
     assert (applied["seeds"], applied["episodes"], applied["collisions"]) == (2, 40, 5)
     assert applied["collision_rate"] == pytest.approx(0.125)
-    exact = exact_rate(5, 40)
-    assert (applied["collision_low"], applied["collision_high"]) == (exact.low, exact.high)
+    # Both seeds drive the same 20 episodes, and each trains on its own.
+    assert (applied["scenarios"], trained["scenarios"]) == (20, 100)
+    for row, exact in ((applied, exact_rate(5, 40, independent=20)), (trained, exact_rate(25, 100))):
+        assert (row["collision_low"], row["collision_high"]) == (exact.low, exact.high)
     assert applied["collisions_by_seed"] == "2/20 3/20"
     assert (applied["ego_at_fault"], applied["side_collisions"], applied["pedestrian_collisions"]) == (5, 5, 0)
     assert applied["speed_mps"] == pytest.approx(12.0, rel=1e-5)  # 1.2 m in each step of 0.1 s
@@ -145,3 +147,24 @@ def test_a_record_that_holds_nan_is_refused_by_name(tmp_path: Path, make_record:
     record.seals[store.EVAL_FILE] = hashlib.sha256(content).hexdigest()
     with pytest.raises(RecordError, match=f"a-v1_fake-learner_s0_.*: {name} of stage A holds NaN"):
         rows([record])
+
+
+def test_one_seed_says_nothing_of_new_ones(tmp_path: Path, make_record: MakeRecord) -> None:
+    make_record(tmp_path, method="sac", collisions=5)
+    for seed in range(2):
+        make_record(tmp_path, method="cpo", collisions=5, seed=seed)
+    found = {row["method"]: row for row in rows(collect(tmp_path).records) if row["stage"] == "A"}
+    assert math.isnan(found["sac"]["collision_seeds_low"])
+    assert found["sac"]["collision_low"] > 0.0
+    assert 0.0 < found["cpo"]["collision_seeds_low"] < 0.25 < found["cpo"]["collision_seeds_high"]
+
+
+def test_a_faster_method_that_collides_clearly_more_is_not_tied_with_a_safe_one_of_uneven_seeds(
+    tmp_path: Path, make_record: MakeRecord
+) -> None:
+    for seed, (uneven, often) in enumerate(((2, 36), (3, 40), (1, 44), (25, 40))):
+        make_record(tmp_path, method="cpo", collisions=uneven, seed=seed, eval_episodes=100, look={"speed_mps": 5.0})
+        make_record(tmp_path, method="sac", collisions=often, seed=seed, eval_episodes=100, look={"speed_mps": 13.0})
+    found = [row for row in rows(collect(tmp_path).records) if row["stage"] == "A"]
+    assert found[1]["collision_seeds_low"] < found[0]["collision_seeds_high"], "the intervals of 95 % overlap"
+    assert [(row["rank"], row["method"]) for row in found] == [(1, "cpo"), (2, "sac")]

@@ -197,3 +197,18 @@ def test_impossible_claims_exposures_and_intervals_are_refused() -> None:
 
 def test_numpy_counts_are_accepted() -> None:
     assert exact_rate(np.int64(1), np.int32(2)) == exact_rate(1, 2)
+
+
+def test_situations_driven_by_several_policies_count_once():
+    once, thrice = exact_rate(5, 100), exact_rate(15, 300, independent=100)
+    assert (thrice.events, thrice.trials, thrice.independent) == (15, 300, 100)
+    assert (thrice.low, thrice.high) == pytest.approx((once.low, once.high))
+    assert exact_rate(15, 300).high < thrice.high
+    assert format_rate(exact_rate(0, 300, independent=100)) == "0/300 (<= 3.0 %)"
+    assert format_rate(exact_rate(0, 300)) == "0/300 (<= 1.00 %)"
+
+
+@pytest.mark.parametrize("independent", [0, 301])
+def test_there_are_as_many_situations_as_trials_or_fewer(independent):
+    with pytest.raises(ValueError, match=f"independent {independent}"):
+        exact_rate(15, 300, independent=independent)

@@ -196,3 +196,17 @@ def test_resampling_refuses_seeds_for_generators_and_too_few_resamples() -> None
         percentile_seed_rate([1], [2], 7)
     with pytest.raises(ValueError, match="resamples is 10"):
         percentile_seed_rate([1], [2], np.random.default_rng(0), 10)
+
+
+def test_without_an_event_more_seeds_on_the_same_list_do_not_tighten_the_bound():
+    one, five = seed_rate([0], [1_000]), seed_rate([0] * 5, [1_000] * 5, independent=1_000)
+    assert five.interval == one.interval
+    assert five.rate == exact_rate(0, 5_000, independent=1_000)
+    assert seed_rate([0] * 5, [1_000] * 5).interval.high < one.interval.high
+
+
+def test_seeds_that_agree_by_luck_keep_the_width_of_the_distinct_episodes():
+    shared = seed_rate([50, 50], [1_000, 1_000], independent=1_000).interval
+    apart = seed_rate([50, 50], [1_000, 1_000]).interval
+    assert apart.low > shared.low
+    assert apart.high < shared.high

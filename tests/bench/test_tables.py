@@ -200,10 +200,18 @@ def test_a_method_is_compared_with_its_controls(standard_results: Path) -> None:
     assert [remark.partition(":")[0] for remark in remarks] == ["dd-rq minus its control dd-rq"] * 2
     assert "control dd-rq:tc=mean: speed T +0.60 m/s" in remarks[0]
     assert remarks[0].endswith("better in speed T and speed A.")
-    assert remarks[1].endswith("better in nothing that these seeds can show.")
+    assert remarks[1].endswith("neither better nor worse as far as these seeds can show.")
 
 
 def test_a_control_with_a_single_seed_says_nothing(tmp_path: Path, make_record: MakeRecord) -> None:
     for method in ("dd-rq", "dd-rq:tc=mean"):
         make_record(tmp_path, method=method, **FULL)
     assert tables.build("ablation", collect(tmp_path)).remarks == ()
+
+
+def test_a_method_may_be_worse_than_its_control(tmp_path: Path, make_record: MakeRecord) -> None:
+    for seed in range(3):
+        make_record(tmp_path, method="dd-rq", seed=seed, look={"speed_mps": 11.0, "flagged": 0.06}, **FULL)
+        make_record(tmp_path, method="dd-rq:tc=mean", seed=seed, look={"speed_mps": 12.0, "flagged": 0.02}, **FULL)
+    (remark,) = tables.build("ablation", collect(tmp_path)).remarks
+    assert remark.endswith(": worse in speed T and interventions T and speed A and interventions A.")

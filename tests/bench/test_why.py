@@ -12,7 +12,7 @@ from bench import leaderboard, tables, why
 from bench.cli import app
 from bench.errors import UsageError
 from bench.records import collect
-from bench.why.queries import LEADERBOARD
+from bench.why.queries import of_leaderboard
 
 MakeRecord = Callable[..., Path]
 
@@ -50,7 +50,7 @@ def test_every_figure_of_the_leaderboard_is_what_its_query_gives(drawn: Path) ->
     for row in _rows(drawn / "leaderboard.csv"):
         if (row["method"], row["scenario"]) != ("sac", "b-v1"):
             continue
-        for name in LEADERBOARD:
+        for name in of_leaderboard(row["stage"]):
             address = why.parse("leaderboard", [row["method"], name, row["stage"], row["scenario"]])
             found = why.trace(address, collection, drawn)
             assert (found.stated, found.value) == (row[name], row[name]), found.cell
@@ -61,13 +61,14 @@ def test_queries_cover_every_figure_of_the_leaderboard() -> None:
         "rank", "method", "method_version", "scenario", "stage", "steps", "eval_episodes", "cost_limit", "cost_signal",
         "settings", "seeds", "collisions_by_seed", "wall_s", "cpu_s", "steps_per_s", "commit",
     }  # fmt: skip
-    assert set(LEADERBOARD) | stated == set(leaderboard.COLUMNS)
+    for stage in "TA":
+        assert set(of_leaderboard(stage)) | stated == set(leaderboard.COLUMNS)
 
 
 def test_a_trace_names_records_seeds_commit_and_query(drawn: Path) -> None:
     result = CliRunner().invoke(app, ["why", "ablation", "dd-rq", "Collision Rate", "A", "--results", str(drawn)])
     assert result.exit_code == 0, result.output
-    assert "collisions 0/3000 (<= 0.100 %)" in result.output  # three seeds of 1,000 episodes
+    assert "collisions of these policies 0/7500 (<= 0.12 %)" in result.output  # three seeds, the same 2,500 episodes
     assert 'ablation dd-rq "Collision Rate" A: 0 (as ' in result.output
     assert "100 * sum(ending = 2) / count(*)" in result.output
     assert "ending of eval_episodes.parquet" in result.output
@@ -80,11 +81,11 @@ def test_a_trace_names_records_seeds_commit_and_query(drawn: Path) -> None:
 def test_a_table_that_says_something_else_is_found_out(drawn: Path, tmp_path: Path) -> None:
     shutil.copytree(drawn, tmp_path / "results")
     path = tmp_path / "results" / "leaderboard.csv"
-    path.write_text(path.read_text().replace("1200/3000", "x").replace(",1200,", ",1199,"))
+    path.write_text(path.read_text().replace("3000/7500", "x").replace(",3000,", ",2999,"))
     arguments = ["why", "leaderboard", "sac", "collisions", "A", "a", "--results", str(tmp_path / "results")]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1
-    assert "leaderboard.csv says 1199: draw it again" in result.output
+    assert "leaderboard.csv says 2999: draw it again" in result.output
 
 
 def test_an_empty_cell_says_why(tmp_path: Path, make_record: MakeRecord) -> None:
