@@ -62,7 +62,7 @@ def test_our_figures_stand_beside_the_published_ones(tmp_path: Path, make_record
     assert (cell["value"], cell["paper"], cell["episodes"], cell["seeds"]) == ("27.5", "27.5", "1200", "3")
     assert float(cell["low"]) < 27.5 < float(cell["high"])
     assert re.search(r"330/1200 = 27\.5 % \(\d+\.\d to \d+\.\d\)", drawn["ablation.md"])
-    assert "500,000 training steps of 0.1 s, 400 held-out episodes for each of 3 seeds" in drawn["ablation.md"]
+    assert "500,000 training steps of 0.1 s, the same 400 held-out episodes for each of 3 seeds" in drawn["ablation.md"]
     speed = _cells(drawn["ablation.csv"])["speed_mps", "SAC", "T"]
     assert float(speed["value"]) == pytest.approx(12.0, rel=1e-4)
     assert speed["paper"] == "12.80"
