@@ -148,6 +148,6 @@ def _caption(selection: Selection, scenario: str, cells: Sequence[Cell]) -> str:
     number = f"{seeds[0]} seed{'s' if seeds[0] != 1 else ''}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]} seeds"
     return (
         f"Scenario {', '.join(sorted(ids))}; {steps:,} training steps of 0.1 s, the same {episodes:,} held-out "
-        f"episodes for each of {number}. T: training, A: application. In brackets 95 % intervals over seeds; a zero gives a "
-        "one-sided bound, for which a held-out episode counts once."
+        f"episodes for each of {number}. T: training, A: application. In brackets 95 % intervals over seeds; a zero "
+        "gives a one-sided bound, for which a held-out episode counts once."
     )

@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 @app.command()
 @reports_errors
 def leaderboard(results: Results = RESULTS, as_json: AsJson = False) -> None:
-    """Write leaderboard.csv and leaderboard.md from the records alone."""
+    """Write leaderboard.csv, improvement.csv and the same as .md, from the records alone."""
+    from bench import improvement
     from bench import leaderboard as board
     from bench.text import json_text
 
-    ranked = board.rows(_collected(results).records)
-    csv_path, markdown_path = board.write(results, ranked)
-    show(json_text(ranked) if as_json else f"{len(ranked)} rows: {csv_path} and {markdown_path}")
+    collection = _collected(results)
+    ranked = board.rows(collection.records)
+    paths = [*board.write(results, ranked), *improvement.write(results, improvement.rows(collection))]
+    show(json_text(ranked) if as_json else f"{len(ranked)} rows: {', '.join(map(str, paths))}")
 
 
 @app.command()
