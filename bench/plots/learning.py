@@ -1,4 +1,4 @@
-"""Learning curves: return and collisions of training episodes against steps and against wall time."""
+"""Learning curves: return, collisions and interventions in training against steps and against wall time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ from bench.plots.data import Array, Runs
 
 WINDOWS: Final = 25
 """Points of a curve."""
-PANELS: Final = (("returns", "return without $r_\\mathrm{risk}$", 1.0), ("collision_rates", "collisions [%]", 100.0))
+PANELS: Final = (
+    ("returns", "return without $r_\\mathrm{risk}$", 1.0),
+    ("collision_rates", "collisions [%]", 100.0),
+    ("intervention_ratios", "interventions [%]", 100.0),
+)
+LAST: Final = len(PANELS) - 1
 
 
 def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
@@ -25,19 +30,22 @@ def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
     shown = [runs for runs in found if runs.method in style.CORE and runs.records[0].spec.steps]
     if not shown:
         return None
-    figure, axes = style.figure(2, 2, 4.4, sharex="col", sharey="row")
+    figure, axes = style.figure(len(PANELS), 2, 6.2, sharex="col", sharey="row")
     for runs in shown:
         curves = [learning_curve.of(record, max(1, record.spec.steps // WINDOWS)) for record in runs.records]
         for row, (name, _, scale) in enumerate(PANELS):
             values = scale * np.array([getattr(curve, name) for curve in curves])
+            if row == LAST and not np.nansum(values):
+                continue  # no guard, so nothing to intervene
             _band(axes[row, 0], runs.method, curves[0].stop / 1_000.0, values)
             _band(axes[row, 1], runs.method, _minutes(curves), values)
     for row, (_, label, _) in enumerate(PANELS):
-        style.tidy(axes[row, 0], "" if row == 0 else "simulation steps [1,000]", label)
-        style.tidy(axes[row, 1], "" if row == 0 else "wall time [min]")
+        style.tidy(axes[row, 0], "simulation steps [1,000]" if row == LAST else "", label)
+        style.tidy(axes[row, 1], "wall time [min]" if row == LAST else "")
         for column in (0, 1):
             axes[row, column].set_xlim(left=0.0)
     axes[1, 0].set_ylim(bottom=-2.0)
+    axes[LAST, 0].set_ylim(bottom=0.0)
     axes[0, 0].set_title(f"Scenario {scenario}, training: {_seeds(shown)}", loc="left")
     style.legend(figure, [runs.method for runs in shown])
     return figure
