@@ -1,4 +1,4 @@
-"""Put the drawn tables into the README: ``python -m paper_tables.readme``, the last step of ``make tables``."""
+"""Put drawn tables into README.md and results/README.md: ``python -m paper_tables.readme``, last in ``make tables``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Final
 
 FOLDER: Final = Path(__file__).resolve().parent
-README: Final = FOLDER.parent / "README.md"
+PAGES: Final = {FOLDER.parent / "README.md": FOLDER, FOLDER.parent / "results/README.md": FOLDER.parent / "results"}
+"""Pages, and where the tables are drawn that each of them shows."""
 _BLOCK: Final = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 
-def refreshed(text: str, folder: Path = FOLDER) -> str:
+def refreshed(text: str, folder: Path) -> str:
     """The text with what stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->`` taken from NAME.md.
 
     Raises:
@@ -26,4 +27,5 @@ def refreshed(text: str, folder: Path = FOLDER) -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(refreshed(README.read_text("utf-8")), "utf-8")
+    for page, drawn in PAGES.items():
+        page.write_text(refreshed(page.read_text("utf-8"), drawn), "utf-8")

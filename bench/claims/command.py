@@ -62,10 +62,11 @@ def _claim(evidence: Evidence, rule: str, name: str, method: str) -> Claim:
 
 
 def write(results: Path, claims: Sequence[Claim]) -> Path:
-    """Write ``claims.json``; the same records give the same bytes."""
+    """Write ``claims.json`` and ``claims.md``, give the first; the same records give the same bytes."""
     path = results / "claims.json"
     results.mkdir(parents=True, exist_ok=True)
     atomic.write_file(path, (json_text(as_values(claims)) + "\n").encode())
+    atomic.write_file(results / "claims.md", as_markdown(claims).encode())
     return path
 
 
@@ -110,6 +111,15 @@ def _number(value: float) -> float | None:
 
 def _bounds(interval: Interval) -> list[float | None] | None:
     return None if interval.empty else [_number(interval.low), _number(interval.high)]
+
+
+def as_markdown(claims: Sequence[Claim]) -> str:
+    """One row for each claim, with what decided."""
+    lines = ["# Claims", "", "| claim | method | statement | verdict | what decided |", "|---|---|---|---|---|"]
+    for claim in claims:
+        cells = (claim.name, claim.method, claim.statement, str(claim.verdict), claim.reason)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
 
 
 def as_text(claims: Sequence[Claim]) -> str:

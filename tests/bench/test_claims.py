@@ -214,3 +214,11 @@ def test_the_return_after_so_many_steps_weighs_windows_not_episodes(tmp_path: Pa
     assert value == pytest.approx((curve.returns[2] + curve.returns[3]) / 2)
     assert episodes == 4
     assert math.isnan(return_after(record, 2_000, 500)[0])
+
+
+def test_the_table_has_a_row_for_each_claim_with_what_decided(standard_results: Path, tmp_path: Path) -> None:
+    found = claims.judge(collect(standard_results))
+    claims.write(tmp_path, found)
+    rows = (tmp_path / "claims.md").read_text().splitlines()[4:]
+    assert [row.split(" | ")[0] for row in rows] == ["| C1", "| C2", "| C3", "| C4", "| C5"]
+    assert rows[1].endswith(f"| reproduced | {found[1].reason} |")

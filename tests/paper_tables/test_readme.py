@@ -1,16 +1,17 @@
-"""The README shows the tables as they are drawn."""
+"""The pages show the tables as they are drawn."""
 
 from pathlib import Path
 
 import pytest
 
-from paper_tables.readme import README, refreshed
+from paper_tables.readme import PAGES, refreshed
 
 
-def test_the_readme_holds_the_committed_tables():
-    text = README.read_text("utf-8")
-    assert text.count("<!-- table: ") == 2
-    assert refreshed(text) == text, "make tables writes them"
+@pytest.mark.parametrize(("page", "folder"), list(PAGES.items()), ids=["README.md", "results/README.md"])
+def test_the_pages_hold_the_committed_tables(page: Path, folder: Path):
+    text = page.read_text("utf-8")
+    assert text.count("<!-- table: ") == {"paper_tables": 2, "results": 1}[folder.name]
+    assert refreshed(text, folder) == text, "make tables writes them"
 
 
 def test_a_block_is_replaced_and_the_rest_kept(tmp_path: Path):
