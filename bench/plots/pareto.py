@@ -22,7 +22,7 @@ def draw(scenario: str, found: Sequence[Runs]) -> Figure | None:
     """A point for each method with 95 % intervals over seeds; a zero has its bound; None without runs."""
     if not found:
         return None
-    figure, axes = style.figure(1, 2, 3.9, sharex=True, sharey=True)
+    figure, axes = style.figure(1, 2, 4.6, sharex=True, sharey=True)
     for (stage, title), panel in zip(STAGES, axes[0], strict=True):
         for runs in found:
             _point(panel, runs, stage)

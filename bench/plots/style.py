@@ -62,6 +62,7 @@ LOOKS: Final[dict[str, Look]] = {
     "dd-rq": Look("DD-RQ", "#0072B2", "o"),
     "dd-rq:tc=mean": Look("DD-RQ, mean $T_c$", "#5BA8D8", "v", "--"),
     "dd-rq:rq=shuffled": Look("DD-RQ, shuffled RQ", "#9CCBEA", "^", ":"),
+    "dd-rq:rq=printed": Look("DD-RQ, printed RQ", "#56708C", "$p$", ":"),
     "dd-rq-plus": Look("DD-RQ-plus", "#009E73", "s"),
     "dd-rq-plus:share=mean": Look("DD-RQ-plus, mean share", "#4FC3A1", "D", "--"),
     "dd-rq-plus:share=shuffled": Look("DD-RQ-plus, shuffled", "#98DCC7", "d", ":"),
@@ -81,12 +82,16 @@ LOOKS: Final[dict[str, Look]] = {
     "cruise+guard": Look("cruise + guard", "#8c8c8c", "2", "--"),
     "cruise+guard:tc=1.0": Look("cruise + guard, $T_c$ 1 s", "#8c8c8c", "|", "-."),
     "idm": Look("IDM", "#b0b0b0", "3", ":"),
+    "constant-speed": Look("constant speed", "#b0b0b0", "_", "-."),
+    "constant-speed+guard": Look("constant speed + guard", "#b0b0b0", ".", "--"),
     "random": Look("random", "#b0b0b0", "4", "-."),
     "random+guard": Look("random + guard", "#b0b0b0", "+", "--"),
 }
 """In the order of legends."""
 CORE: Final = ("dd-rq", "dd-rq-plus", "safety-guard", "rss-guard", "sac", "cpo", "focops", "trpo-lag")
 """In figures of curves: of the fixed guards only T_c 3, no controls; more lines would cover each other."""
+SHORT: Final = 12
+"""Entries of a legend that fit into four columns, whatever they are called."""
 _OTHERS: Final = ("#44AA99", "#AA4499", "#999933", "#661100", "#6699CC")
 
 
@@ -141,7 +146,8 @@ def legend(drawn: Figure, methods: Iterable[str], lines: bool = True) -> None:
         )
         for name in sorted(methods, key=order)
     ]
-    drawn.legend(handles=handles, loc="outside lower center", ncols=min(4, len(handles)))
+    columns = 4 if len(handles) <= SHORT else 3
+    drawn.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
 
 
 def save(drawn: Figure, folder: Path, name: str) -> list[Path]:
