@@ -26,7 +26,7 @@ def _source_digest() -> str:
     digest = hashlib.sha256()
     for path in sorted([*(_PROJECT / "envs").glob("*.py"), *(_PROJECT / "algorithms").glob("*.py")]):
         source = path.read_bytes()
-        if path.parent.name == "envs" or b"import njit" in source:
+        if path.parent.name == "envs" or b"njit" in source:
             digest.update(source)
     return digest.hexdigest()[:16]
 
