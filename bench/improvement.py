@@ -6,8 +6,6 @@ The columns of `bench.statistics`' scores are the episodes of the common held-ou
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,19 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from algorithms import atomic
-from bench.plots.data import SCENARIOS, Runs, runs
-from bench.records import Collection, Record
-from bench.schema import column
+from bench.records import Collection
+from bench.shown import SCENARIOS, Runs, returns, runs, speeds
 from bench.statistics import Estimate, iqm_interval, probability_of_improvement_interval
-from envs.scenario import STEP_S
+from bench.text import csv_text
 
 OURS: Final = ("dd-rq", "dd-rq-plus")
 SCORES: Final = {"speed": "m/s", "return": "without r_risk"}
+_SCORE: Final = {"speed": speeds, "return": returns}
 SEED: Final = 0
 """Of the bootstrap's draws: the same records give the same figures."""
 
 Row = dict[str, str]
-Scores = npt.NDArray[np.float64]
 
 
 def rows(collection: Collection) -> list[Row]:
@@ -53,7 +50,7 @@ def _row(scenario: str, entry: Runs, chosen: dict[str, Runs]) -> Row:
     return row
 
 
-def _improvement(ours: Runs, theirs: Scores, name: str) -> Estimate:
+def _improvement(ours: Runs, theirs: npt.NDArray[np.float64], name: str) -> Estimate:
     return probability_of_improvement_interval(_scores(ours, name), theirs, np.random.default_rng(SEED))
 
 
@@ -61,17 +58,9 @@ def _episodes(entry: Runs) -> int:
     return entry.records[0].spec.eval_episodes
 
 
-def _scores(entry: Runs, name: str) -> Scores:
+def _scores(entry: Runs, name: str) -> npt.NDArray[np.float64]:
     """Shape (seeds, held-out episodes)."""
-    return np.stack([_of_record(record, name) for record in entry.records])
-
-
-def _of_record(record: Record, name: str) -> Scores:
-    table = record.eval_episodes()
-    first, second = ("distance", "steps") if name == "speed" else ("return_driving", "return_comfort")
-    a, b = column(table, first).astype(np.float64), column(table, second).astype(np.float64)
-    scores: Scores = a / (STEP_S * b) if name == "speed" else a + b
-    return scores[np.argsort(column(table, "episode"))]
+    return np.stack([_SCORE[name](record) for record in entry.records])
 
 
 def _put(row: Row, name: str, estimate: Estimate | None) -> None:
@@ -86,17 +75,10 @@ def write(results: Path, found: Sequence[Row]) -> tuple[Path, Path]:
     """Write ``improvement.csv`` and ``improvement.md``; the same rows give the same bytes."""
     results.mkdir(parents=True, exist_ok=True)
     paths = results / "improvement.csv", results / "improvement.md"
-    atomic.write_file(paths[0], _csv(found).encode())
+    heading = list(found[0]) if found else ["scenario", "method", "seeds"]
+    atomic.write_file(paths[0], csv_text(heading, (list(row.values()) for row in found)).encode())
     atomic.write_file(paths[1], _markdown(found).encode())
     return paths
-
-
-def _csv(found: Sequence[Row]) -> str:
-    sink = io.StringIO()
-    writer = csv.DictWriter(sink, list(found[0]) if found else ["scenario", "method", "seeds"], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(found)
-    return sink.getvalue()
 
 
 def _markdown(found: Sequence[Row]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,6 +11,7 @@ from algorithms import atomic
 from bench.records import Record
 from bench.statistics import Interval, collisions_per_1000_km, exact_rate, format_rate
 from bench.summary import StageCounts, collision_rate, count_record, pooled
+from bench.text import csv_text
 
 Row = dict[str, Any]
 
@@ -196,12 +195,7 @@ def write(results: Path, ranked: Sequence[Row]) -> tuple[Path, Path]:
 
 def to_csv(ranked: Sequence[Row]) -> str:
     """All columns."""
-    sink = io.StringIO()
-    writer = csv.writer(sink, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in ranked:
-        writer.writerow([number(row[name]) for name in COLUMNS])
-    return sink.getvalue()
+    return csv_text(list(COLUMNS), ([number(row[name]) for name in COLUMNS] for row in ranked))
 
 
 def number(value: Any) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -12,6 +10,7 @@ from typing import Final
 
 from bench.published import Figure
 from bench.statistics import Interval
+from bench.text import csv_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +82,15 @@ CSV_COLUMNS: Final = (
 
 def to_csv(table: Table) -> str:
     """One line for each cell."""
-    sink = io.StringIO()
-    writer = csv.writer(sink, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
+    lines = []
     for cell in table.cells:
         f = cell.figure
         ours = [_number(cell.value), _number(cell.interval.low), _number(cell.interval.high)]
-        writer.writerow(
+        lines.append(
             [f.table, f.row, f.column, f.scenario, f.method, f.stage, f.metric, f.unit, *ours, cell.n,
              cell.seeds, f.value, cell.reason]
         )  # fmt: skip
-    return sink.getvalue()
+    return csv_text(CSV_COLUMNS, lines)
 
 
 def _seeds(cell: Cell) -> str:

@@ -18,7 +18,7 @@ from bench import controls, table_files
 from bench.published import TITLES, Figure, read_figures
 from bench.records import Collection
 from bench.selection import Selection, select, tried
-from bench.statistics import Interval, SeedInterval, format_rate, mean_interval, zero_event_bound
+from bench.statistics import Interval, SeedInterval, format_rate, mean_interval
 from bench.summary import StageCounts, collision_rate
 from bench.table_files import Cell, Table
 
@@ -104,8 +104,7 @@ def _collision_rate(counts: Sequence[StageCounts]) -> Measured:
     text = format_rate(rate.rate)
     if rate.method is SeedInterval.CLOPPER_PEARSON and rate.events and len(counts) == 1:
         text += ", one seed"
-    interval = rate.interval if rate.events else Interval(0.0, zero_event_bound(rate.independent, LEVEL), LEVEL)
-    percent = Interval(100.0 * interval.low, 100.0 * interval.high, LEVEL)
+    percent = Interval(100.0 * rate.stated.low, 100.0 * rate.stated.high, LEVEL)
     return Measured(100.0 * rate.value, percent, text, rate.trials)
 
 

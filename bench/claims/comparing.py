@@ -15,7 +15,6 @@ from bench.statistics import (
     Estimate,
     Interval,
     PairedScores,
-    SeedRate,
     holm,
     mcnemar_exact,
     rate_difference,
@@ -83,14 +82,9 @@ def empty_part(name: str, groups: Sequence[Group], paper: float) -> Part:
     return Part(name, Verdict.UNDECIDED, math.nan, none, math.nan, "no runs", tuple(groups), name, lacks, paper)
 
 
-def pooled_rate(group: Group, level: float = LEVEL) -> SeedRate:
-    """Collision rate of a group, with an interval for new seeds."""
-    return collision_rate(group.counts, level)
-
-
 def rates_apart(first: Group, second: Group, level: float) -> Estimate:
     """Collision rate of first minus that of second."""
-    return rate_difference(pooled_rate(first, level), pooled_rate(second, level))
+    return rate_difference(collision_rate(first.counts, level), collision_rate(second.counts, level))
 
 
 def paired(parts: Sequence[Part]) -> list[Part]:

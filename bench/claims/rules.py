@@ -13,19 +13,17 @@ from bench.claims.comparing import (
     empty_part,
     in_text,
     paired,
-    pooled_rate,
     rates_apart,
 )
 from bench.claims.evidence import Evidence, Group, return_after
 from bench.claims.verdict import Part, Verdict, shortfall
 from bench.statistics import (
-    Interval,
     episodes_for_zero_claim,
     format_rate,
     mean_difference,
     mean_ratio,
-    zero_event_bound,
 )
+from bench.summary import collision_rate
 
 HALF: Final = 0.5
 FAR_MORE: Final = 0.10
@@ -43,7 +41,7 @@ def zero_collisions(evidence: Evidence, method: str) -> list[Part]:
 def _zero_part(evidence: Evidence, scenario: str, method: str, stage: str) -> Part:
     group = evidence.group(scenario, method, stage)
     paper = evidence.paper(scenario, "dd-rq", stage, "collision_rate") / 100.0
-    rate = pooled_rate(group)
+    rate = collision_rate(group.counts, LEVEL)
     if not rate.trials:
         return empty_part(group.label, [group], paper)
     needed = episodes_for_zero_claim(least_told_from_zero(evidence))
@@ -55,8 +53,7 @@ def _zero_part(evidence: Evidence, scenario: str, method: str, stage: str) -> Pa
     else:
         verdict = Verdict.UNDECIDED if lacks else Verdict.REPRODUCED
         reason = f"{group.label}: no collision in {rate.trials} episodes"
-    interval = rate.interval if rate.events else Interval(0.0, zero_event_bound(rate.independent, LEVEL), LEVEL)
-    text = format_rate(rate.rate)
+    interval, text = rate.stated, format_rate(rate.rate)
     return Part(group.label, verdict, rate.value, interval, -interval.high, text, (group,), reason, lacks, paper)
 
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from bench.plots import distributions, interventions, learning, pareto, spacetime, style, sweep
-from bench.plots.data import SCENARIOS, Runs, runs
+from bench.plots.data import runs
 from bench.records import Collection
 from bench.replay.held_out import ReplayDiffersError
+from bench.shown import SCENARIOS, Runs
 
 
 def write(collection: Collection, folder: Path, say: Callable[[str], None] = lambda _: None) -> list[Path]:

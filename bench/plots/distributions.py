@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.plots import style
-from bench.plots.data import Array, Runs, pick, returns
+from bench.plots.data import Array, pick
+from bench.shown import Runs, returns
 from bench.statistics import performance_profile
 from bench.summary import count_record
 

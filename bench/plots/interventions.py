@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.plots import style
-from bench.plots.data import Runs
 from bench.published import read_figures
+from bench.shown import Runs
 
 
 def draw(found: dict[str, list[Runs]]) -> Figure | None:

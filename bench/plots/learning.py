@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from bench import learning_curve
 from bench.learning_curve import LearningCurve
 from bench.plots import style
-from bench.plots.data import Array, Runs
+from bench.plots.data import Array
+from bench.shown import Runs
 
 WINDOWS: Final = 25
 """Points of a curve."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from bench.plots import style
-from bench.plots.data import Runs
+from bench.shown import Runs
 
 STAGES: Final = (("T", "training (T)"), ("A", "application (A)"))
 LINEAR_BELOW: Final = 0.03

@@ -15,10 +15,11 @@ from matplotlib.patches import Patch
 
 from bench.errors import UsageError
 from bench.plots import style
-from bench.plots.data import Array, Runs, pick
+from bench.plots.data import Array, pick
 from bench.records import Record
 from bench.replay.held_out import replay
 from bench.schema import column
+from bench.shown import Runs
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.scenario import GOAL_M, LANE_WIDTH_M, LANES, STEP_S
 from envs.trace import EpisodeTrace

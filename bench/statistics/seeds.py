@@ -42,7 +42,7 @@ from bench.statistics import _checks
 from bench.statistics._checks import IntArray
 from bench.statistics._distributions import normal_quantile, t_quantile
 from bench.statistics.intervals import Interval
-from bench.statistics.rates import Rate, exact_rate
+from bench.statistics.rates import Rate, exact_rate, zero_event_bound
 from bench.statistics.resampling import logit_t_interval, replicate_counts
 
 BINOMIAL_FLOOR = 0.5
@@ -75,6 +75,13 @@ class SeedRate:
     independent: int
     interval: Interval
     method: SeedInterval
+
+    @property
+    def stated(self) -> Interval:
+        """The interval, of no event the one-sided bound of the same level, as `format_rate` writes it."""
+        if self.events or not self.trials:
+            return self.interval
+        return Interval(0.0, zero_event_bound(self.independent, self.interval.level), self.interval.level)
 
     @property
     def rate(self) -> Rate:

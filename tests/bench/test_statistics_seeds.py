@@ -210,3 +210,11 @@ def test_seeds_that_agree_by_luck_keep_the_width_of_the_distinct_episodes():
     apart = seed_rate([50, 50], [1_000, 1_000]).interval
     assert apart.low > shared.low
     assert apart.high < shared.high
+
+
+def test_a_zero_is_stated_with_its_one_sided_bound_and_events_with_their_interval():
+    zero, some = seed_rate([0, 0], [500, 500], independent=500), seed_rate([3, 5], [500, 500])
+    assert (zero.stated.low, zero.stated.high) == (0.0, pytest.approx(1.0 - 0.05 ** (1 / 500)))
+    assert zero.stated.high < zero.interval.high
+    assert some.stated == some.interval
+    assert seed_rate([0], [0]).stated.empty
