@@ -26,6 +26,7 @@ ASKED, STOCK = 5000.0, 2600.0
 
 def free_cmdp(core):
     """Worlds that cost no time: random observations that stay, no reward; episodes of 120 decisions."""
+
     class Free(core.CMDP):
         need_time_limit_wrapper = need_auto_reset_wrapper = False
         _support_envs = ("Free-v0",)
