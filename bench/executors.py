@@ -6,18 +6,17 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Final
 
 from bench import worker
+from bench.fork_server import deaf_to_interrupts, one_thread, warm_up
 from bench.progress import Board, Display, Phase, RunStatus
 from bench.provenance import usable_cores
 from bench.store import Failure, State, Store
@@ -97,7 +96,7 @@ class LocalExecutor:
         process = self._context.Process(
             target=worker.main, args=(theirs, self._results, core, self._track), name="bench-worker", daemon=False
         )
-        with one_thread(), _deaf_to_interrupts():
+        with one_thread(), deaf_to_interrupts():
             process.start()
         theirs.close()
         return _Worker(process, ours, core)
@@ -158,7 +157,7 @@ class LocalExecutor:
 
     def _stop(self) -> None:
         """End all workers: by SIGTERM, deaf ones by SIGKILL."""
-        with _deaf_to_interrupts():
+        with deaf_to_interrupts():
             for member in self._pool:
                 member.process.terminate()
                 member.pipe.close()
@@ -173,47 +172,9 @@ class LocalExecutor:
                 (self._results / worker.LOGS).rmdir()
 
 
-def warm_up() -> None:
-    """Start the process that workers are forked from: it imports their packages, seconds long, on its own."""
-    multiprocessing.get_context("forkserver").set_forkserver_preload(["bench.preload"])
-    with one_thread(), _deaf_to_interrupts():
-        forkserver.ensure_running()
-
-
 def death(exit_code: int | None) -> str:
     """How a process ended, for people."""
     if exit_code is not None and exit_code < 0:
         name = signal.Signals(-exit_code).name
         return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
     return f"ended with exit code {exit_code}"
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread for each numerical library of a process started inside: set before it imports them.
-
-    Workers inherit the environment of the process that they are forked from: as it was when that began.
-    """
-    before = {name: os.environ.get(name) for name in worker.ONE_THREAD}
-    os.environ.update(dict.fromkeys(worker.ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Ctrl-C reaches the whole process group: children started inside ignore it, the parent decides."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -18,7 +18,8 @@ from typing import Any, Final
 
 from bench import worker
 from bench.errors import UsageError
-from bench.executors import OUTCOMES, one_thread
+from bench.executors import OUTCOMES
+from bench.fork_server import one_thread
 from bench.lock import SILENT_S
 from bench.progress import Board, Display, Phase, RunStatus
 from bench.provenance import usable_cores

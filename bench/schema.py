@@ -66,9 +66,9 @@ def episodes_table(episodes: Records) -> pa.Table:
         pyarrow.ArrowInvalid: A count does not fit its column.
     """
     columns = [
-        pa.array(np.ascontiguousarray(episodes[field.name]), pa.from_numpy_dtype(EPISODE[field.name])).cast(field.type)
+        _narrowed(episodes[field.name], field)
         if pa.types.is_integer(field.type)
-        else pa.array(rounded(episodes[field.name]))
+        else _array(rounded(episodes[field.name]), field.type)
         for field in EPISODES
     ]
     return pa.Table.from_arrays(columns, schema=EPISODES)
@@ -83,7 +83,27 @@ def rounded(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
 def scalars_table(rows: Sequence[tuple[int, str, float]]) -> pa.Table:
     """What a learner reported, as (simulation steps, name, value)."""
     steps, names, values = zip(*rows, strict=True) if rows else ((), (), ())
-    return pa.table({"steps": list(steps), "name": list(names), "value": list(values)}, schema=SCALARS)
+    texts = [name.encode() for name in names]
+    ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+    columns = [
+        _array(np.array(steps, dtype=np.int64), pa.int64()),
+        pa.StringArray.from_buffers(len(texts), pa.py_buffer(ends), pa.py_buffer(b"".join(texts)), null_count=0),
+        _array(np.array(values, dtype=np.float64), pa.float64()),
+    ]
+    return pa.Table.from_arrays(columns, schema=SCALARS)
+
+
+# `pyarrow.array` and `to_numpy` import pandas to see whether they were given some of it: 0.3 s of CPU in each worker
+# and at the end of each command. Buffers need none.
+def _array(values: npt.NDArray[Any], kind: pa.DataType) -> pa.Array:
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))], null_count=0)
+
+
+def _narrowed(values: npt.NDArray[Any], field: pa.Field) -> pa.Array:
+    narrow = values.astype(field.type.to_pandas_dtype())
+    if not np.array_equal(narrow, values):
+        raise pa.ArrowInvalid(f"{field.name}: a count does not fit {field.type}")
+    return _array(narrow, field.type)
 
 
 def to_bytes(table: pa.Table) -> bytes:
@@ -133,5 +153,14 @@ def from_bytes(content: bytes, expected: pa.Schema, where: str) -> pa.Table:
 
 def column(table: pa.Table, name: str) -> npt.NDArray[Any]:
     """A column as an array."""
-    values: npt.NDArray[Any] = table.column(name).to_numpy()
-    return values
+    chunked = table.column(name)
+    if not (pa.types.is_integer(chunked.type) or pa.types.is_floating(chunked.type)) or chunked.null_count:
+        values: npt.NDArray[Any] = chunked.to_numpy()
+        return values
+    dtype = np.dtype(chunked.type.to_pandas_dtype())
+    chunks = [
+        np.frombuffer(chunk.buffers()[1], dtype, len(chunk), chunk.offset * dtype.itemsize)
+        for chunk in chunked.chunks
+        if len(chunk)
+    ]
+    return np.concatenate(chunks) if chunks else np.empty(0, dtype)

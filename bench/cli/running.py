@@ -35,7 +35,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Train and evaluate methods; what is done already is not done again."""
-    from bench.executors import warm_up
+    from bench.fork_server import warm_up
 
     if not dry_run and executor == "local":
         warm_up()  # before our own imports, which take as long

@@ -1,0 +1,54 @@
+"""The process that workers are forked from. Nothing heavy is imported here: a command can start it before all else."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from multiprocessing import forkserver
+
+from bench.worker import ONE_THREAD
+
+
+def warm_up() -> None:
+    """Start the process that workers are forked from: it imports their packages, seconds long, on its own.
+
+    It ends with the process that started it, at the latest when its imports are done; nobody waits for it.
+    """
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["bench.preload"])
+    with one_thread(), deaf_to_interrupts():
+        forkserver.ensure_running()
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for each numerical library of a process started inside: set before it imports them.
+
+    Workers inherit the environment of the process that they are forked from: as it was when that began.
+    """
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Ctrl-C reaches the whole process group: children started inside ignore it, the parent decides."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
