@@ -25,7 +25,8 @@ ACTOR_LAYERS: Final = (256, 256, 256, 256)
 CRITIC_LAYERS: Final = (256, 256, 256)
 """Hidden layers (paper, appendix)."""
 LEARNER_VERSION: Final = 2
-"""Raised by every change of learner or `SACSettings` that alters results; part of each version that rests on it."""
+"""Raised by every change of learner, constants or `SACSettings` that alters results; part of each version that rests
+on it."""
 GAMMA_PER_STEP: Final = 0.99
 """Discount per 0.1 s (paper, appendix); per decision it is raised to the number of steps."""
 
