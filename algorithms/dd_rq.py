@@ -199,6 +199,7 @@ class DDRQ(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and risk model, then train behind the guard that they steer."""
+        SACSettings.for_task(task)  # refused now rather than after the other two trainings
         model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache, making=task.making)
         shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
         shield.begin(task.stream("shield"))

@@ -88,6 +88,7 @@ class DDRQPlus(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""
+        SACSettings.for_task(task)  # refused now rather than after the other two trainings
         steps = min(task.budget.steps, AGENT_STEPS_MAX)
         model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
         shield = self.shield(model)
