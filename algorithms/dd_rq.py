@@ -8,11 +8,13 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from algorithms.driving_agent import VERSION as AGENT_VERSION
 from algorithms.guard_features import features_of
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, RiskOutput, adjustment_time, risk_percent
+from algorithms.risk_training import VERSION as MODEL_VERSION
 from algorithms.risk_training import risk_model, shuffled_values, unrelated_draws
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from algorithms.safety_guard import GUARD_VERSION, Demand, SafetyGuard, require_horizon, require_share
@@ -23,6 +25,8 @@ from envs.world import FloatArray, Records, World
 
 AGENT_STEPS_MAX: Final = 500_000
 """The driving agent gets the run's own budget, at most this many simulation steps."""
+STEERED_VERSION: Final = GUARD_VERSION + AGENT_VERSION + MODEL_VERSION
+"""Of SAC behind a guard that a risk model steers: rises with guard, learner (in the agent's), agent and model."""
 TC_SOURCES: Final = ("model", "mean")
 RQ_SOURCES: Final = ("model", "shuffled", "printed")
 
@@ -174,7 +178,7 @@ class DDRQ(Method):
     limits, which the paper does not.
     """
 
-    version = GUARD_VERSION + LEARNER_VERSION
+    version = STEERED_VERSION
     defaults: ClassVar[dict[str, Any]] = {"tc": "model", "rq": "model", "aware": False}
     setting_names = SETTING_NAMES
 
@@ -195,6 +199,7 @@ class DDRQ(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and risk model, then train behind the guard that they steer."""
+        SACSettings.for_task(task)  # refused now rather than after the other two trainings
         model = risk_model(task.scenario, min(task.budget.steps, AGENT_STEPS_MAX), task.cache, making=task.making)
         shield = RiskGuard(model, self.parameters["tc"], self.parameters["rq"])
         shield.begin(task.stream("shield"))

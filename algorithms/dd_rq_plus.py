@@ -19,13 +19,13 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from scipy import special
 
-from algorithms.dd_rq import AGENT_STEPS_MAX, RiskGuard, RiskGuardedPolicy
+from algorithms.dd_rq import AGENT_STEPS_MAX, STEERED_VERSION, RiskGuard, RiskGuardedPolicy
 from algorithms.guard_features import features_of
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.risk_model import RiskModel, RiskOutput
 from algorithms.risk_training import CONTACT, RiskSettings, risk_model
-from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import GUARD_VERSION, Demand, require_horizon
+from algorithms.sac import SETTING_NAMES, SACSettings, train_sac
+from algorithms.safety_guard import Demand, require_horizon
 from envs.world import FloatArray
 
 SHARE_SOURCES: Final = ("risk", "mean", "shuffled")
@@ -62,7 +62,7 @@ class DDRQPlus(Method):
     constant share, with ``aware=true`` of a policy that is shown the limits.
     """
 
-    version = GUARD_VERSION + LEARNER_VERSION + 1
+    version = STEERED_VERSION + 1
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0, "share": "risk", "aware": True}
     setting_names = SETTING_NAMES
 
@@ -88,6 +88,7 @@ class DDRQPlus(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""
+        SACSettings.for_task(task)  # refused now rather than after the other two trainings
         steps = min(task.budget.steps, AGENT_STEPS_MAX)
         model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
         shield = self.shield(model)

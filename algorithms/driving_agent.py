@@ -13,13 +13,13 @@ from algorithms.checkpoints import FileCheckpoints
 from algorithms.identity import learning_identity
 from algorithms.method import Budget, Progress, Task
 from algorithms.networks import NetworkPolicy
-from algorithms.sac import SACSettings, train_sac
+from algorithms.sac import LEARNER_VERSION, SACSettings, train_sac
 from envs.driving_env import ActionMode
 from envs.observation import LAYOUT_VERSION
 from envs.scenario import get_scenario
 
-VERSION: Final = 1
-"""Raised by every change that alters the trained agent."""
+VERSION: Final = LEARNER_VERSION - 1
+"""Of the trained agent: rises with the learner, and by one more with every other change that alters the agent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,8 @@ class DrivingAgentSpec:
     Attributes:
         scenario: Name of the scenario.
         steps: Simulation steps of 0.1 s.
-        seed: Replicate; one agent serves all seeds of the methods that ask for it.
+        seed: Replicate; one agent serves all seeds of the methods that ask for it. Its streams (`Task.stream`) are
+            those of the runs of the same replicate: replicate 0 of every method meets the agent's training episodes.
     """
 
     scenario: str
@@ -38,7 +39,11 @@ class DrivingAgentSpec:
 
     @property
     def key(self) -> str:
-        """Folder name in the cache."""
+        """Folder name in the cache; `VERSION` stands for what is written in code alone (discount, layers, reward).
+
+        ``risk.json`` of every run with a risk model holds it, under the record's seal: what renames an agent whose
+        bits are the same breaks `bench rerun` of those records.
+        """
         learner = asdict(SACSettings())
         layout = {"layout": LAYOUT_VERSION, "version": VERSION}
         identity = {"id": get_scenario(self.scenario).id, **asdict(self), **learner, **layout}

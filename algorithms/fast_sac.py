@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -241,12 +242,16 @@ class _Sample:
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Run a stable-baselines3 learner without leaving traces in the global generators."""
-    numpy_state, torch_state = np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
+    """Run a stable-baselines3 learner without leaving traces in the global generators.
+
+    Python's is among them: stable-baselines3 seeds it though it never draws from it.
+    """
+    python_state, numpy_state, torch_state = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
     torch.manual_seed(seed)
     np.random.seed(seed % 2**32)  # noqa: NPY002
     try:
         yield
     finally:
+        random.setstate(python_state)
         np.random.set_state(numpy_state)  # noqa: NPY002
         torch.set_rng_state(torch_state)

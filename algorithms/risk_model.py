@@ -203,7 +203,8 @@ class RiskModel:
             scenario_id: Name and version of the scenario it is wanted for, or None for any.
 
         Raises:
-            RiskModelFileError: A file is missing, damaged, or of another format, state layout or scenario version.
+            RiskModelFileError: A file is missing, damaged, or of another format, state layout or scenario version, or
+                a weight is not finite.
         """
         path = folder / "risk.json"
         try:
@@ -221,6 +222,9 @@ class RiskModel:
             architecture = RiskArchitecture(**text["architecture"])
             network = RiskNetwork(architecture)
             network.load_state_dict(load_file(folder / "risk.safetensors"))
+            for name, values in network.state_dict().items():
+                if not values.isfinite().all():
+                    raise RiskModelFileError(f"{folder}: weights {name!r} are not all finite. Train it anew.")
         except RiskModelFileError:
             raise
         except Exception as error:

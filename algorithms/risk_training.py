@@ -6,7 +6,8 @@ Or, for dd-rq-plus, learn from the same roll-outs how likely contact is within 3
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,13 +24,14 @@ from algorithms.method import Observations, Policy, seed_sequence
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import EpisodeSource
-from envs.scenario import Scenario, get_scenario
-from envs.world import FloatArray
+from envs.scenario import STEP_S, Scenario, get_scenario
+from envs.world import BoolArray, FloatArray
 
 PLANNING_TIME, CONTACT = "planning time", "contact"
 """What the network learns: the agent's T_c [s] by mean squared error, or the probability of contact within
 CONTACT_WITHIN_S by cross-entropy."""
 CONTACT_WITHIN_S: Final = 3.0
+CONTACT_WITHIN_STEPS: Final = round(CONTACT_WITHIN_S / STEP_S)
 VERSION: Final = 1
 """Raised by every change that alters the trained model."""
 WORLDS: Final = 256
@@ -97,18 +99,19 @@ def collect(policy: Policy, scenario: Scenario, settings: RiskSettings) -> Sampl
     env = DrivingVectorEnv(variant, WORLDS, source=source, action_mode=policy.action_mode, comfort=False)
     observations, _ = env.reset()
     kept, times, contacts, ends = [], [], [], []
-    ahead = round(CONTACT_WITHIN_S / variant.decision_period_s) if settings.label == CONTACT else 1
+    ahead = decisions_ahead(variant) if settings.label == CONTACT else 1
     decisions = -(-settings.samples // WORLDS)
     for _ in range(decisions + ahead - 1):
         actions = policy.act(observations)
         kept.append(observations)
         times.append(actions[:, 0].astype(np.float32))
         observations, _, terminated, truncated, info = env.step(actions)
-        contacts.append(info["cost"] > 0.0)
         ends.append(terminated | truncated)
+        contacts.append(contact_steps(info, ends[-1], variant.substeps))
     labels = np.array(times[:decisions])
     if settings.label == CONTACT:
-        labels = contact_within(np.array(contacts), np.array(ends), ahead)[:decisions].astype(np.float32)
+        within = contact_within(np.array(contacts), np.array(ends), variant.substeps)
+        labels = within[:decisions].astype(np.float32)
     world = np.tile(np.arange(WORLDS), decisions)
     return Samples(
         np.concatenate(kept[:decisions])[: settings.samples],
@@ -117,24 +120,41 @@ def collect(policy: Policy, scenario: Scenario, settings: RiskSettings) -> Sampl
     )
 
 
-def contact_within(
-    contacts: npt.NDArray[np.bool_], ends: npt.NDArray[np.bool_], decisions: int
-) -> npt.NDArray[np.bool_]:
-    """Whether the running episode ends in contact within so many decisions, this one included.
+def decisions_ahead(scenario: Scenario) -> int:
+    """Decisions that must be known to tell whether contact follows the first of them within CONTACT_WITHIN_S."""
+    return -(-CONTACT_WITHIN_STEPS // scenario.substeps)
+
+
+def contact_steps(info: Mapping[str, Any], ended: BoolArray, substeps: int) -> npt.NDArray[np.int64]:
+    """Steps of 0.1 s of the last decision until it ended in contact, 0 where it did not, shape (N,).
 
     Args:
-        contacts: Whether a decision ended in contact, shape (T, N).
+        info: Of `DrivingVectorEnv.step`.
+        ended: Whether the decision ended the episode, shape (N,).
+        substeps: Of a decision.
+    """
+    steps = np.zeros(len(ended), np.int64)
+    if ended.any():
+        steps[ended] = (info["finished"]["steps"] - 1) % substeps + 1
+    return np.where(info["cost"] > 0.0, steps, 0)
+
+
+def contact_within(contacts: npt.NDArray[np.int64], ends: BoolArray, substeps: int) -> BoolArray:
+    """Whether the running episode ends in contact within CONTACT_WITHIN_S of the beginning of a decision.
+
+    Args:
+        contacts: `contact_steps` of each decision, shape (T, N).
         ends: Whether it ended the episode, shape (T, N).
-        decisions: At least 1.
+        substeps: Steps of 0.1 s of a whole decision.
 
     Returns:
         Shape (T, N); the last rows look only as far as there are decisions.
     """
-    within = contacts.copy()
-    for _ in range(decisions - 1):
-        later = np.zeros_like(within)
-        later[:-1] = within[1:] & ~ends[:-1]
-        within = contacts | later
+    within = np.zeros(contacts.shape, np.bool_)
+    left = np.full(contacts.shape[1], np.inf)  # steps from the beginning of a decision until contact
+    for t in reversed(range(len(contacts))):
+        left = np.where(contacts[t] > 0, contacts[t], np.where(ends[t], np.inf, left + substeps))
+        within[t] = left <= CONTACT_WITHIN_STEPS
     return within
 
 
@@ -146,7 +166,13 @@ def _predict(network: RiskNetwork, x: torch.Tensor) -> torch.Tensor:
 def fit(
     samples: Samples, settings: RiskSettings, architecture: RiskArchitecture, progress: Callable[[int], None]
 ) -> tuple[RiskNetwork, dict[str, Any]]:
-    """Train the network on its label's loss with early stopping; network and its held-out figures."""
+    """Train the network on its label's loss with early stopping; network and its held-out figures.
+
+    The held-out samples choose the epoch too, so their error is slightly optimistic.
+
+    Raises:
+        FloatingPointError: No epoch had a finite held-out error.
+    """
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(settings.seed)
     with torch.random.fork_rng():
@@ -179,6 +205,8 @@ def fit(
             best, best_state = error, {k: v.clone() for k, v in network.state_dict().items()}
         elif epoch - min(range(len(curve)), key=lambda k: curve[k]["loss_held_out"]) >= settings.patience:
             break
+    if not math.isfinite(best):
+        raise FloatingPointError(f"The risk model's held-out error is {error} after every one of {len(curve)} epochs.")
     network.load_state_dict(best_state)
     return network, _figures(network, x_test, y_test, contact) | {"curve": curve}
 

@@ -25,7 +25,8 @@ ACTOR_LAYERS: Final = (256, 256, 256, 256)
 CRITIC_LAYERS: Final = (256, 256, 256)
 """Hidden layers (paper, appendix)."""
 LEARNER_VERSION: Final = 2
-"""Raised by every change of learner or `SACSettings` that alters results; part of each version that rests on it."""
+"""Raised by every change of learner, constants or `SACSettings` that alters results; part of each version that rests
+on it."""
 GAMMA_PER_STEP: Final = 0.99
 """Discount per 0.1 s (paper, appendix); per decision it is raised to the number of steps."""
 
@@ -86,6 +87,24 @@ class SACSettings:
                     raise ValueError(f"{item.name} = {settings[item.name]!r}: expected {kind.__name__}.") from None
         return replace(cls(), **changes)
 
+    @classmethod
+    def for_task(cls, task: Task) -> SACSettings:
+        """Settings of a task, held against its budget: an update comes after a whole roll-out.
+
+        Raises:
+            ValueError: A value is malformed, or the last roll-out would go beyond the budget.
+        """
+        chosen, steps = cls.from_settings(task.settings), task.budget.steps
+        every = chosen.decisions_per_update
+        if every > chosen.worlds and task.budget.decisions(task.scenario) % every:
+            unit = every * task.scenario.substeps
+            near = max(1, round(steps / unit)) * unit
+            raise ValueError(
+                f"steps = {steps} with decisions_per_update = {every}: must be a multiple of {unit}; nearest: {near}. "
+                f"Or take decisions_per_update = {chosen.worlds}, one update for every decision of the worlds."
+            )
+        return chosen
+
 
 LEARNERS: Final[dict[str, type[StableBaselinesSAC]]] = {
     "fast": FastSAC, "bf16": HalfFastSAC, "sb3": StableBaselinesSAC,
@@ -144,7 +163,7 @@ def train_sac(
     A training that was killed goes on from the task's last checkpoint, to the same result.
     """
     torch.set_num_threads(1)
-    chosen = SACSettings.from_settings(task.settings)
+    chosen = SACSettings.for_task(task)
     env = task.make_env(chosen.worlds, shield, action_mode, comfort)
     decisions = task.budget.decisions(task.scenario)
     with reproducible(task.torch_seed()):

@@ -12,7 +12,14 @@ from scipy import special
 
 from algorithms.method import Policy, seed_sequence
 from algorithms.risk_model import RiskModel, risk_percent
-from algorithms.risk_training import CONTACT, CONTACT_WITHIN_S, PLANNING_TIME, contact_within, randomised
+from algorithms.risk_training import (
+    CONTACT,
+    PLANNING_TIME,
+    contact_steps,
+    contact_within,
+    decisions_ahead,
+    randomised,
+)
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import EpisodeSource
 from envs.reward import path_exposure
@@ -84,7 +91,7 @@ def roll_out(
     source = report_source(scenario)
     env = DrivingVectorEnv(source.scenario, worlds, source=source, action_mode=agent.action_mode, comfort=False)
     observations, _ = env.reset()
-    ahead = round(CONTACT_WITHIN_S / scenario.decision_period_s)
+    ahead = decisions_ahead(scenario)
     episodes, times, inverse, contacts, ends = [], [], [], [], []
     values: dict[str, list[FloatArray]] = {method: [] for method in models}
     for _ in range(decisions + ahead - 1):
@@ -95,9 +102,9 @@ def roll_out(
         for method, model in models.items():
             values[method].append(model(observations).value)
         observations, _, terminated, truncated, info = env.step(actions)
-        contacts.append(info["cost"] > 0.0)
         ends.append(terminated | truncated)
-    contact = contact_within(np.array(contacts), np.array(ends), ahead)
+        contacts.append(contact_steps(info, ends[-1], scenario.substeps))
+    contact = contact_within(np.array(contacts), np.array(ends), scenario.substeps)
     return Rollouts(
         np.concatenate(episodes[:decisions]),
         np.concatenate(times[:decisions]),

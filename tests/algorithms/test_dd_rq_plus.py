@@ -10,7 +10,7 @@ from algorithms.dd_rq_plus import ShareGuard
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
 from algorithms.risk_model import RiskOutput
-from algorithms.risk_training import CONTACT, PLANNING_TIME, RiskSettings, collect, contact_within
+from algorithms.risk_training import CONTACT, PLANNING_TIME, RiskSettings, collect
 from algorithms.safety_guard import SafetyGuard
 from algorithms.scripted_policies import FullThrottlePolicy, RandomPolicy
 from envs.driving_env import ActionMode, DrivingVectorEnv
@@ -97,18 +97,6 @@ def test_even_without_any_demand_nobody_is_hit(scenario, driver):
     while env.episodes_done < 128:
         observations, *_ = env.step(policy.act(observations))
     assert not env.finished_episodes()["ego_at_fault"].any()
-
-
-def test_contact_within_looks_ahead_and_not_into_the_next_episode():
-    # World 0: contact at decision 4. World 1: an episode ends without contact at 1, the next in contact at 3.
-    contacts = np.zeros((6, 2), bool)
-    contacts[4, 0] = contacts[3, 1] = True
-    ends = contacts.copy()
-    ends[1, 1] = True
-    within = contact_within(contacts, ends, 3)
-    assert within[:, 0].tolist() == [False, False, True, True, True, False]
-    assert within[:, 1].tolist() == [False, False, True, True, False, False]
-    assert np.array_equal(contact_within(contacts, ends, 1), contacts)
 
 
 class Rammer(RandomPolicy):
