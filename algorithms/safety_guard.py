@@ -114,6 +114,15 @@ def _conflict(pre: float, follow: float) -> bool:
     return pre < follow or pre < ACCELERATION_MIN_MPS2 or follow > ACCELERATION_MAX_MPS2
 
 
+@njit_inlined
+def _usable(horizon: float, share: float, importance: FloatArray, i: int) -> bool:
+    """Whether the demand on world i can be met: NaN would lose every comparison and so switch it off."""
+    zero = 0.0
+    for j in range(importance.shape[1]):
+        zero += 0.0 * importance[i, j]  # NaN unless it is finite
+    return 0.0 < horizon < math.inf and 0.0 <= share <= 1.0 and zero == 0.0
+
+
 @njit
 def guard_kernel(
     ego: Records, vehicles: Records, pedestrians: Records, targets: FloatArray, accelerations: FloatArray,
@@ -126,7 +135,8 @@ def guard_kernel(
     Rows of out (5, N): target, acceleration, planning horizon, a_pre, a_follow.
 
     Returns:
-        -1, or the first world whose T_c is not positive and finite.
+        -1, or the first world whose T_c is not positive and finite, whose share is not within 0 and 1, or of which
+        an importance is not finite.
     """
     ego, vehicles, pedestrians, importance = (
         borrowed(ego),
@@ -135,7 +145,7 @@ def guard_kernel(
         borrowed(importance),
     )
     for i in range(ego.shape[0]):
-        if not 0.0 < horizons[i] < math.inf:
+        if not _usable(horizons[i], shares[i], importance, i):
             return i
         target, pre, follow, flagged = targets[i], -math.inf, math.inf, False
         candidate = target
@@ -166,26 +176,38 @@ def guard_kernel(
     return -1
 
 
-def require_horizon(tc: float) -> float:
-    """T_c as a number, or an error that names it.
+def require_horizon(tc: float, where: str = "") -> float:
+    """T_c as a number, or an error that names it, and where it was asked for.
 
     Raises:
         ValueError: T_c is not positive or not finite.
     """
     if not (math.isfinite(tc) and tc > 0.0):
-        raise ValueError(f"T_c = {tc} s: must be positive and finite.")
+        raise ValueError(f"T_c = {tc} s{where}: must be positive and finite.")
     return float(tc)
 
 
-def require_share(share: float) -> float:
-    """The demanded part of S_safe as a number, or an error that names it.
+def require_share(share: float, where: str = "") -> float:
+    """The demanded part of S_safe as a number, or an error that names it, and where it was asked for.
 
     Raises:
         ValueError: It is not within 0 and 1.
     """
     if not 0.0 <= share <= 1.0:
-        raise ValueError(f"share = {share}: must be between 0 and 1.")
+        raise ValueError(f"share = {share}{where}: must be between 0 and 1.")
     return float(share)
+
+
+def require_demand(tc: float, share: float, importance: FloatArray, where: str) -> None:
+    """Name what cannot be used of a world's T_c [s], share and importance, shape (V + P,).
+
+    Raises:
+        ValueError: T_c is not positive or not finite, the share is not within 0 and 1, an importance is not finite.
+    """
+    require_horizon(tc, where)
+    require_share(share, where)
+    for j in np.flatnonzero(~np.isfinite(importance)):
+        raise ValueError(f"importance = {importance[j]} of body {j}{where}: must be finite.")
 
 
 class Demand(NamedTuple):
@@ -260,15 +282,23 @@ class SafetyGuard:
         """See `envs.world.Shield.filter`; the planner's horizon is max(T_c, 3 s).
 
         Raises:
-            ValueError: A T_c is not positive or not finite.
+            ValueError: A T_c is not positive or not finite, a share not within 0 and 1, or an importance not finite;
+                or there is not one for each world and body.
         """
-        n, horizons = len(world), self.horizons(world)
+        n, bodies = len(world), world.vehicles.shape[1] + world.pedestrians.shape[1]
+        horizons, shares, importance = self.horizons(world), self.shares(world), self.importance(world)
+        if not (horizons.shape == shares.shape == (n,) and importance.shape == (n, bodies)):
+            raise ValueError(
+                f"{type(self).__name__} has T_c, share and importance of shapes {horizons.shape}, {shares.shape}, "
+                f"{importance.shape}; {n} worlds of {bodies} bodies need ({n},), ({n},), ({n}, {bodies}): "
+                "call observe() with the observations of these worlds first."
+            )
         out, intervened = np.empty((5, n)), np.empty(n, np.bool_)
         bad = guard_kernel(
-            world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons, self.shares(world),
-            self.importance(world), self.switches, out, intervened,
+            world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons, shares, importance,
+            self.switches, out, intervened,
         )  # fmt: skip
         if bad >= 0:
-            raise ValueError(f"T_c = {horizons[bad]} s in world {bad}: must be positive and finite.")
+            require_demand(float(horizons[bad]), float(shares[bad]), importance[bad], f" in world {bad}")
         self.limits = out[3:].T
         return out[0], out[1], intervened, out[2]
