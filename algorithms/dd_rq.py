@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from algorithms.guard_demand import Demand, require_horizon, require_share
 from algorithms.guard_features import features_of
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Method, Observations, Policy, Task
@@ -15,7 +16,7 @@ from algorithms.networks import NetworkPolicy
 from algorithms.risk_model import RiskModel, RiskOutput, adjustment_time, risk_percent
 from algorithms.risk_training import risk_model, shuffled_values, unrelated_draws
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import GUARD_VERSION, Demand, SafetyGuard, require_horizon, require_share
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
 from envs.compiled import borrowed, njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS

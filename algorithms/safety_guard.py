@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from algorithms.corridor import Corridor, corridor, overlaps, pedestrian_counts
 from algorithms.critical_acceleration import follower_can_brake, sca, stopping_bound
+from algorithms.guard_demand import Demand, require_demand, require_horizon, require_share
 from algorithms.guard_options import GuardOptions, Switches
 from algorithms.method import Observations
 from envs.compiled import borrowed, njit, njit_inlined
@@ -174,54 +175,6 @@ def guard_kernel(
         out[3, i], out[4, i] = pre, follow
         intervened[i] = flagged
     return -1
-
-
-def require_horizon(tc: float, where: str = "") -> float:
-    """T_c as a number, or an error that names it, and where it was asked for.
-
-    Raises:
-        ValueError: T_c is not positive or not finite.
-    """
-    if not (math.isfinite(tc) and tc > 0.0):
-        raise ValueError(f"T_c = {tc} s{where}: must be positive and finite.")
-    return float(tc)
-
-
-def require_share(share: float, where: str = "") -> float:
-    """The demanded part of S_safe as a number, or an error that names it, and where it was asked for.
-
-    Raises:
-        ValueError: It is not within 0 and 1.
-    """
-    if not 0.0 <= share <= 1.0:
-        raise ValueError(f"share = {share}{where}: must be between 0 and 1.")
-    return float(share)
-
-
-def require_demand(tc: float, share: float, importance: FloatArray, where: str) -> None:
-    """Name what cannot be used of a world's T_c [s], share and importance, shape (V + P,).
-
-    Raises:
-        ValueError: T_c is not positive or not finite, the share is not within 0 and 1, an importance is not finite.
-    """
-    require_horizon(tc, where)
-    require_share(share, where)
-    for j in np.flatnonzero(~np.isfinite(importance)):
-        raise ValueError(f"importance = {importance[j]} of body {j}{where}: must be finite.")
-
-
-class Demand(NamedTuple):
-    """What a guard will ask for at given observations.
-
-    Attributes:
-        horizons: T_c, shape (N,) [s].
-        shares: Demanded part of S_safe, shape (N,), in [0, 1].
-        importance: IR of each observation slot, shape (N, 8), in [0, 1].
-    """
-
-    horizons: FloatArray
-    shares: FloatArray
-    importance: FloatArray
 
 
 class SafetyGuard:

@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from algorithms.guard_demand import require_horizon
 from algorithms.guard_options import GuardOptions, Switches
-from algorithms.safety_guard import SafetyGuard, require_horizon
+from algorithms.safety_guard import SafetyGuard
 from envs.world import WAITING, World, empty_world
 from tests.algorithms.guard_scenes import SWITCHES, guarded, limits, scene
 
