@@ -101,11 +101,15 @@ def test_a_limit_is_scaled_without_losing_its_order():
 def test_the_observed_world_is_the_world_nearest_first(scenario):
     env = DrivingVectorEnv(scenario, WORLDS)
     observations, _ = env.reset(seed=2)
-    for _ in range(25):
-        observations, *_ = env.step(np.tile([0.0, 0.5], (WORLDS, 1)))
+    for k in range(25):
+        aside = 0.0 if k < 23 else 1.0
+        observations, *_ = env.step(np.tile([aside, 0.5], (WORLDS, 1)))
     seen, world = observed_world(observations), env.world
     for name in ("s", "d", "speed", "lateral_speed", "heading"):
         assert seen.ego[name] == pytest.approx(world.ego[name], rel=1e-5, abs=1e-4)
+    assert (world.ego["lateral_speed"] > 0.1).sum() > 20
+    assert seen.ego["reference_d"] == pytest.approx(world.ego["d"], abs=1e-4)
+    assert seen.ego["reference_speed"] == pytest.approx(world.ego["lateral_speed"], rel=1e-5, abs=1e-4)
     walking = 0
     for i in range(WORLDS):
         near = np.argsort(np.abs(world.vehicles["s"][i] - world.ego["s"][i]))
@@ -121,6 +125,10 @@ def test_the_observed_world_is_the_world_nearest_first(scenario):
         assert sorted(seen.pedestrians["d"][i][seen.pedestrians["state"][i] == CROSSING]) == pytest.approx(
             sorted(crossing), abs=1e-3
         )
+        walks = (
+            part.pedestrians["lateral_speed"][i][part.pedestrians["state"][i] == CROSSING] for part in (seen, world)
+        )
+        assert sorted(next(walks)) == pytest.approx(sorted(next(walks)), abs=1e-3)
         walking += len(crossing)
     assert (walking > 0) == (scenario == "b")
 
