@@ -132,8 +132,9 @@ class RiskGuardedPolicy(NetworkPolicy):
 class FixedGuard(Method):
     """SAC behind the safety guard with a fixed T_c (``safety-guard:tc=3.0``).
 
-    ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the guard's correction off, ``literal=true``
-    switches to the printed Alg. 2, ``aware=true`` shows the policy the guard's limits.
+    ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the braking reserve off, ``aware=true`` shows
+    the policy the guard's limits. ``literal=true`` sets the four ``literal_...`` options of `GuardOptions`, no other:
+    `hold`, `give_way`, `turned_body` and `excursion` stay on, and so does `reserve` unless it is switched off, too.
     """
 
     version = GUARD_VERSION + LEARNER_VERSION

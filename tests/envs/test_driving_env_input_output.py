@@ -162,9 +162,10 @@ def test_unknown_names_and_values_are_refused_at_construction() -> None:
         gymnasium.make("bench/DenseTraffic-v9")
 
 
-def test_a_spawn_that_cannot_fit_is_refused_when_episodes_begin() -> None:
-    with pytest.raises(ValueError, match="cannot spawn 40 vehicles: at most 27 fit"):
-        DrivingEnv("a:vehicles=40").reset(seed=0)
+def test_a_spawn_that_cannot_fit_is_refused_at_construction() -> None:
+    with pytest.raises(ValueError, match="vehicles = 100: must be 1 to 27, what fits into 180 m of 3 lanes"):
+        DrivingEnv("a:vehicles=100")
+    DrivingEnv("a:vehicles=27").reset(seed=0)
 
 
 def test_a_watched_environment_refuses_to_go_on_once_its_observations_were_written_into():
