@@ -117,11 +117,11 @@ def _conflict(pre: float, follow: float) -> bool:
 
 @njit_inlined
 def _usable(horizon: float, share: float, importance: FloatArray, i: int) -> bool:
-    """Whether the demand on world i can be met: NaN would lose every comparison and so switch it off."""
-    zero = 0.0
+    """Whether what is asked for in world i can be met: NaN would lose every comparison and so switch it off."""
+    usable = 0.0 < horizon < math.inf and 0.0 <= share <= 1.0
     for j in range(importance.shape[1]):
-        zero += 0.0 * importance[i, j]  # NaN unless it is finite
-    return 0.0 < horizon < math.inf and 0.0 <= share <= 1.0 and zero == 0.0
+        usable &= math.isfinite(importance[i, j])
+    return usable
 
 
 @njit
