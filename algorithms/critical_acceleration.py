@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-
 from envs.compiled import njit
 from envs.motion import ACCELERATION_MIN_MPS2
-from envs.reward import SAFE_HEADWAY_S
 from envs.scenario import STEP_S
-from envs.world import FloatArray
 
 TRAFFIC_BRAKING_MPS2: Final = 6.0
 """Strongest braking of the traffic (IDM's clip): the worst a leader can do."""
@@ -24,7 +20,16 @@ CLEARANCE_M: Final = 1.0
 
 @njit
 def sca(gap: float, safe_gap: float, closing: float, horizon: float) -> float:
-    """Eq. (SCA) for one object; arguments as in `critical_acceleration`, gap != 0."""
+    """Constant acceleration that restores the safe gap to one object within the horizon [m/s2].
+
+    Source: paper Eq. (SCA). Deviation: gaps are bumper to bumper, so contact is gap 0.
+
+    Args:
+        gap: Bumper gap, > 0 ahead, < 0 behind, not 0 [m].
+        safe_gap: S_safe, >= 0 [m].
+        closing: Object speed minus ego speed [m/s].
+        horizon: Adjustment time T_c, > 0 [s].
+    """
     sign = 1.0 if gap > 0.0 else -1.0
     return 2.0 * (gap - sign * safe_gap + horizon * closing) / (horizon * horizon)
 
@@ -60,36 +65,3 @@ def follower_can_brake(gap: float, speed: float, follower_speed: float) -> bool:
         - speed * speed / (-2.0 * ACCELERATION_MIN_MPS2)
     )
     return gap >= max(needed, 0.0) + CLEARANCE_M
-
-
-def safe_gap(speed_mps: FloatArray) -> FloatArray:
-    """S_safe = 3.6 v (paper, Sec. IV-B) [m]."""
-    return SAFE_HEADWAY_S * speed_mps
-
-
-def critical_acceleration(
-    gap_m: FloatArray, safe_gap_m: FloatArray, closing_mps: FloatArray, horizon_s: FloatArray
-) -> FloatArray:
-    """Constant acceleration that restores the safe gap to one object within the horizon.
-
-    Source: paper Eq. (SCA). Deviation: gaps are bumper to bumper, so contact is gap 0.
-
-    Args:
-        gap_m: Signed bumper gap, > 0 ahead, < 0 behind, shape (worlds, objects) [m].
-        safe_gap_m: Required gap, shape (worlds, 1), >= 0 [m].
-        closing_mps: Object speed minus ego speed, shape (worlds, objects) [m/s].
-        horizon_s: Adjustment time T_c, shape (worlds, 1), > 0 [s].
-
-    Returns:
-        Acceleration, shape (worlds, objects) [m/s2]; -inf where the object overlaps (gap 0).
-
-    Raises:
-        ValueError: A horizon is not positive or not finite, or shapes do not broadcast.
-    """
-    horizon = np.asarray(horizon_s, np.float64)
-    bad = ~(np.isfinite(horizon) & (horizon > 0.0))
-    if bad.any():
-        raise ValueError(f"T_c = {horizon[bad].flat[0]} s: must be positive and finite.")
-    gap = np.asarray(gap_m, np.float64)
-    acceleration = 2.0 * (gap - np.sign(gap) * safe_gap_m + horizon * closing_mps) / horizon**2
-    return np.where(gap == 0.0, -np.inf, acceleration)

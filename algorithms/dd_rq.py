@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from algorithms.driving_agent import VERSION as AGENT_VERSION
+from algorithms.guard_demand import Demand, require_horizon, require_share
 from algorithms.guard_features import features_of
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Method, Observations, Policy, Task
@@ -17,7 +18,7 @@ from algorithms.risk_model import RiskModel, RiskOutput, adjustment_time, risk_p
 from algorithms.risk_training import VERSION as MODEL_VERSION
 from algorithms.risk_training import risk_model, shuffled_values, unrelated_draws
 from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import GUARD_VERSION, Demand, SafetyGuard, require_horizon, require_share
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
 from envs.compiled import borrowed, njit
 from envs.observation import EMPTY, rank_objects
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
@@ -135,8 +136,9 @@ class RiskGuardedPolicy(NetworkPolicy):
 class FixedGuard(Method):
     """SAC behind the safety guard with a fixed T_c (``safety-guard:tc=3.0``).
 
-    ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the guard's correction off, ``literal=true``
-    switches to the printed Alg. 2, ``aware=true`` shows the policy the guard's limits.
+    ``share=0.5`` demands half of S_safe, ``reserve=false`` switches the braking reserve off, ``aware=true`` shows
+    the policy the guard's limits. ``literal=true`` sets the four ``literal_...`` options of `GuardOptions`, no other:
+    `hold`, `give_way`, `turned_body` and `excursion` stay on, and so does `reserve` unless it is switched off, too.
     """
 
     version = GUARD_VERSION + LEARNER_VERSION

@@ -20,12 +20,12 @@ import numpy as np
 from scipy import special
 
 from algorithms.dd_rq import AGENT_STEPS_MAX, STEERED_VERSION, RiskGuard, RiskGuardedPolicy
+from algorithms.guard_demand import Demand, require_horizon
 from algorithms.guard_features import features_of
 from algorithms.method import Method, Observations, Policy, Task
 from algorithms.risk_model import RiskModel, RiskOutput
 from algorithms.risk_training import CONTACT, RiskSettings, risk_model
 from algorithms.sac import SETTING_NAMES, SACSettings, train_sac
-from algorithms.safety_guard import Demand, require_horizon
 from envs.world import FloatArray
 
 SHARE_SOURCES: Final = ("risk", "mean", "shuffled")

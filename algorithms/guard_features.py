@@ -11,7 +11,14 @@ for the lane to the right, the own one and the one to the left, a_pre and a_foll
 
 Scale: sign(a) ln(1 + abs(a)) / ln(41), clipped to [-1, 1]. A decision holds for 0.5 s, in which limits tighten. The
 braking reserve is a limit for 0.1 s: 20 m/s2 there is 2 m/s of speed to spare, so that limits far beyond the ego's
-2 m/s2 matter. A lane that does not exist allows nothing: -1 and 1. The planner's state is not observed; it is taken to
+2 m/s2 matter.
+
+A feature jumps where a body comes within the guard's `reach`, beyond which it asks for no less than 3 m/s2 and the
+guard leaves it out (inf, feature 1). A standing one asks for 3 + 6 / T_c^2 there, with all of S_safe: the feature falls
+from 1 to 0.62 at T_c 1 s, to 0.41 at 3 s and to 0.38 at 7 s. One that drives, and a smaller share, asks for more, and
+the step is smaller. No action is affected, as the ego has 2 m/s2.
+
+A lane that does not exist allows nothing: -1 and 1. The planner's state is not observed; it is taken to
 be the body's.
 """
 

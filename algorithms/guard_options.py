@@ -13,7 +13,8 @@ class GuardOptions:
     Attributes:
         literal_all_lanes: Every object counts, whatever its lane.
         literal_followers: Followers in the ego's own lane count, too.
-        literal_selection: The printed max over preceding objects, which picks the least binding one.
+        literal_selection: The printed max over preceding objects, which picks the least binding one; an object
+            alongside, a_safe = -inf, is never the greatest, and one that is alone there binds as little as none.
         literal_longitudinal: The printed a_x = a_pre also where a_x was too low.
         reserve: Correction: limits also keep a braking reserve (`stopping_bound`, `follower_can_brake`).
         hold: Correction: where the way to the lane's centre is blocked, too, the last executed target stays.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
+from algorithms.guard_demand import require_horizon
 from algorithms.method import Method, Policy, Task
-from algorithms.safety_guard import GUARD_VERSION, SafetyGuard, require_horizon
+from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
 from algorithms.scripted_policies import ConstantSpeedPolicy, CruisePolicy, IDMPolicy, RandomPolicy, ScriptedPolicy
 
 

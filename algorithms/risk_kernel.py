@@ -219,6 +219,20 @@ def _add(z: Single, change: Single, rows: int) -> None:
 
 
 @njit
+def rank_objects_by(attention: Single, count: int, slots: npt.NDArray[np.int64], out: FloatArray) -> None:
+    """IR by slot, (8,), from the attention of the ego's token to the first `count` tokens, the ego's own first.
+
+    Where all of it is on the ego itself, so that the rest underflows to 0, present objects share equally.
+    """
+    out[:] = 0.0
+    total = np.float32(0.0)
+    for u in range(1, count):
+        total += attention[u]
+    for u in range(1, count):
+        out[slots[u]] = ONE / np.float32(count - 1) if total == 0.0 else attention[u] / total
+
+
+@njit
 def risk_kernel(
     observations: Single, weights: RiskWeights, heads: int, values: FloatArray, importance: FloatArray
 ) -> None:
@@ -230,7 +244,7 @@ def risk_kernel(
         heads: Attention heads.
         values: Written, shape (N,).
         importance: Written, shape (N, 8): the last block's attention of the ego's token, mean of the heads,
-            renormalised over present objects; 0 where a slot is empty.
+            renormalised over present objects (`rank_objects_by`); 0 where a slot is empty.
     """
     blocks = weights.blocks
     layers, width, hidden = blocks.expand.shape
@@ -257,9 +271,4 @@ def risk_kernel(
         for j in range(width):
             value += normal[0, j] * weights.head[j]
         values[i] = value
-        importance[i, :] = 0.0
-        total = np.float32(0.0)
-        for u in range(1, count):
-            total += mean[u]
-        for u in range(1, count):
-            importance[i, slots[u]] = mean[u] / total
+        rank_objects_by(mean, count, slots, importance[i])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from algorithms.corridor import Corridor, corridor, overlaps, pedestrian_counts
 from algorithms.critical_acceleration import follower_can_brake, sca, stopping_bound
+from algorithms.guard_demand import Demand, require_demand, require_horizon, require_share
 from algorithms.guard_options import GuardOptions, Switches
 from algorithms.method import Observations
 from envs.compiled import borrowed, njit, njit_inlined
@@ -27,7 +28,7 @@ from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
 GUARD_VERSION: Final = 4
-"""Raised by every change that alters what the guard does; also the version of the methods behind it."""
+"""Raised by every change that alters what the guard does; part of the version of every method behind it."""
 K2: Final = 0.92
 B2: Final = 0.02
 """Linear(IR) = k2 IR + b2 (paper, appendix)."""
@@ -114,6 +115,15 @@ def _conflict(pre: float, follow: float) -> bool:
     return pre < follow or pre < ACCELERATION_MIN_MPS2 or follow > ACCELERATION_MAX_MPS2
 
 
+@njit_inlined
+def _usable(horizon: float, share: float, importance: FloatArray, i: int) -> bool:
+    """Whether what is asked for in world i can be met: NaN would lose every comparison and so switch it off."""
+    usable = 0.0 < horizon < math.inf and 0.0 <= share <= 1.0
+    for j in range(importance.shape[1]):
+        usable &= math.isfinite(importance[i, j])
+    return usable
+
+
 @njit
 def guard_kernel(
     ego: Records, vehicles: Records, pedestrians: Records, targets: FloatArray, accelerations: FloatArray,
@@ -126,7 +136,8 @@ def guard_kernel(
     Rows of out (5, N): target, acceleration, planning horizon, a_pre, a_follow.
 
     Returns:
-        -1, or the first world whose T_c is not positive and finite.
+        -1, or the first world whose T_c is not positive and finite, whose share is not within 0 and 1, or of which
+        an importance is not finite.
     """
     ego, vehicles, pedestrians, importance = (
         borrowed(ego),
@@ -135,7 +146,7 @@ def guard_kernel(
         borrowed(importance),
     )
     for i in range(ego.shape[0]):
-        if not 0.0 < horizons[i] < math.inf:
+        if not _usable(horizons[i], shares[i], importance, i):
             return i
         target, pre, follow, flagged = targets[i], -math.inf, math.inf, False
         candidate = target
@@ -164,42 +175,6 @@ def guard_kernel(
         out[3, i], out[4, i] = pre, follow
         intervened[i] = flagged
     return -1
-
-
-def require_horizon(tc: float) -> float:
-    """T_c as a number, or an error that names it.
-
-    Raises:
-        ValueError: T_c is not positive or not finite.
-    """
-    if not (math.isfinite(tc) and tc > 0.0):
-        raise ValueError(f"T_c = {tc} s: must be positive and finite.")
-    return float(tc)
-
-
-def require_share(share: float) -> float:
-    """The demanded part of S_safe as a number, or an error that names it.
-
-    Raises:
-        ValueError: It is not within 0 and 1.
-    """
-    if not 0.0 <= share <= 1.0:
-        raise ValueError(f"share = {share}: must be between 0 and 1.")
-    return float(share)
-
-
-class Demand(NamedTuple):
-    """What a guard will ask for at given observations.
-
-    Attributes:
-        horizons: T_c, shape (N,) [s].
-        shares: Demanded part of S_safe, shape (N,), in [0, 1].
-        importance: IR of each observation slot, shape (N, 8), in [0, 1].
-    """
-
-    horizons: FloatArray
-    shares: FloatArray
-    importance: FloatArray
 
 
 class SafetyGuard:
@@ -260,15 +235,23 @@ class SafetyGuard:
         """See `envs.world.Shield.filter`; the planner's horizon is max(T_c, 3 s).
 
         Raises:
-            ValueError: A T_c is not positive or not finite.
+            ValueError: A T_c is not positive or not finite, a share not within 0 and 1, or an importance not finite;
+                or there is not one for each world and body.
         """
-        n, horizons = len(world), self.horizons(world)
+        n, bodies = len(world), world.vehicles.shape[1] + world.pedestrians.shape[1]
+        horizons, shares, importance = self.horizons(world), self.shares(world), self.importance(world)
+        if not (horizons.shape == shares.shape == (n,) and importance.shape == (n, bodies)):
+            raise ValueError(
+                f"{type(self).__name__} has T_c, share and importance of shapes {horizons.shape}, {shares.shape}, "
+                f"{importance.shape}; {n} worlds of {bodies} bodies need ({n},), ({n},), ({n}, {bodies}): "
+                "call observe() with the observations of these worlds first."
+            )
         out, intervened = np.empty((5, n)), np.empty(n, np.bool_)
         bad = guard_kernel(
-            world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons, self.shares(world),
-            self.importance(world), self.switches, out, intervened,
+            world.ego, world.vehicles, world.pedestrians, targets, accelerations, horizons, shares, importance,
+            self.switches, out, intervened,
         )  # fmt: skip
         if bad >= 0:
-            raise ValueError(f"T_c = {horizons[bad]} s in world {bad}: must be positive and finite.")
+            require_demand(float(horizons[bad]), float(shares[bad]), importance[bad], f" in world {bad}")
         self.limits = out[3:].T
         return out[0], out[1], intervened, out[2]

@@ -41,7 +41,7 @@ ShieldFactory = Callable[[Scenario], Shield]
 BATCH: Final = 16 * CHUNK
 """Episodes whose records are held at once."""
 WORLDS: Final = 256
-"""Worlds stepped together; a replay steps as many: the rounding of a risk model's products depends on it."""
+"""Worlds stepped together. No answer of our guards depends on it; a replay steps as many, as another shield's may."""
 _DRAWS_KEPT: Final = 4
 
 

@@ -66,12 +66,12 @@ def interpret_actions(
 
 
 @njit
-def all_finite(targets: FloatArray, commands: FloatArray) -> bool:
-    """Whether every target and every acceleration, both (N,), is a finite number."""
-    finite = True
+def usable(targets: FloatArray, commands: FloatArray, horizons: FloatArray) -> bool:
+    """Whether every target, acceleration and horizon, each (N,), is a finite number, and horizons are positive."""
+    good = True
     for i in range(len(targets)):
-        finite &= math.isfinite(targets[i]) and math.isfinite(commands[i])
-    return finite
+        good &= math.isfinite(targets[i]) and math.isfinite(commands[i]) and 0.0 < horizons[i] < math.inf
+    return good
 
 
 @njit

@@ -13,12 +13,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs import batch, engine
 from envs.actions import ActionMode, action_space
-from envs.episodes import EpisodeLog, EpisodeStream
+from envs.episodes import EpisodeLog, EpisodeStream, masked_worlds, stream_seed
 from envs.layout import EpisodeSource
 from envs.observation import OBSERVATION_SIZE, observation_space
 from envs.reward import CostSignal
 from envs.scenario import PedestrianRule, Scenario, get_scenario
-from envs.world import EPISODE, BoolArray, Ending, FloatArray, Records, Shield, World, empty_world
+from envs.shield_answer import check_answer
+from envs.world import EPISODE, BoolArray, FloatArray, Records, Shield, World, empty_world
 
 __all__ = [
     "ActionMode", "BudgetExceededError", "CostSignal", "DrivingVectorEnv", "MutatedObservationError", "action_space",
@@ -175,11 +176,22 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
-        """Start a new episode in every world; a seed starts the stream of episodes, or the given source, anew."""
-        self._stream.restart(seed)
-        self.active[:] = False
-        self._stream.begin(self._all, self.world, self.active, self._interventions)
-        self._observe(self._all)
+        """Start a new episode in every world; a seed starts the stream of episodes, or the given source, anew.
+
+        Args:
+            seed: An integer or one for each world: the name of the one stream of all worlds. None goes on in it.
+            options: ``{"reset_mask": mask}``, bool (N,), restarts these worlds only; needs ``autoreset=False``.
+
+        Raises:
+            TypeError, ValueError: See `envs.episodes.masked_worlds` and `envs.episodes.stream_seed`.
+        """
+        worlds = self._all
+        if options is not None and "reset_mask" in options:
+            worlds = masked_worlds(options["reset_mask"], self.num_envs, self._autoreset)
+        self._stream.restart(stream_seed(seed, self.num_envs))
+        self.active[worlds] = False
+        self._stream.begin(worlds, self.world, self.active, self._interventions)
+        self._observe(worlds)
         return self._give(), {}
 
     def step(
@@ -191,7 +203,7 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             actions: Shape (N, A), physical units; values beyond the action space are clipped to it.
 
         Raises:
-            ValueError: Wrong shape, or a value that is not finite, from the policy or the shield.
+            ValueError: Wrong shape, or an unusable value, from policy or shield (`envs.shield_answer`).
             BudgetExceededError: The decision limit is used up.
             MutatedObservationError: The environment is watched, and its last observations were written into.
         """
@@ -254,18 +266,10 @@ class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.
             if self.shield is not None:
                 safe_targets, safe_commands, intervened, wanted = self.shield.filter(self.world, targets, commands)
                 horizons = self._horizons if wanted is None else wanted
-                if not batch.all_finite(safe_targets, safe_commands):
-                    self._require_finite("target", safe_targets)
-                    self._require_finite("acceleration", safe_commands)
+                check_answer(self.shield, self.world, safe_targets, safe_commands, intervened, horizons)
             self._advance(safe_targets, safe_commands, intervened, horizons, 1)
             if self.on_substep is not None:
                 self.on_substep(self.world, targets, commands, intervened)
-
-    def _require_finite(self, what: str, values: FloatArray) -> None:
-        """Refuse what a shield answered for a running world: the kernel's clip would turn NaN into a number."""
-        for i in np.flatnonzero(~np.isfinite(values) & (self.world.episode["ending"] == Ending.RUNNING)):
-            shield = type(self.shield).__name__
-            raise ValueError(f"Shield {shield} gave world {i} the {what} {values[i]}: must be finite.")
 
     def _advance(
         self, targets: FloatArray, commands: FloatArray, intervened: BoolArray, horizons: FloatArray, substeps: int

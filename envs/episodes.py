@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +12,55 @@ from envs import batch
 from envs.layout import CHUNK, EpisodeSource
 from envs.scenario import Scenario
 from envs.world import EPISODE, BoolArray, Ending, Records, World
+
+
+def stream_seed(seed: int | Sequence[int | None] | None, worlds: int) -> list[int] | None:
+    """What names one stream for all worlds; None where no seed is given, to no world.
+
+    Args:
+        seed: An integer, numpy's included, or one for each world, as gymnasium's vector environments take it.
+        worlds: Their number.
+
+    Raises:
+        TypeError: A seed is no integer.
+        ValueError: Seeds are another number than the worlds, negative, or only some of them None.
+    """
+    if seed is None:
+        return None
+    if isinstance(seed, int | np.integer):
+        numbers: list[int | None] = [seed]
+    else:
+        numbers = list(seed)
+        if len(numbers) != worlds:
+            raise ValueError(f"seed = {seed}: {len(numbers)} seeds for {worlds} worlds.")
+        if all(number is None for number in numbers):
+            return None
+    found: list[int] = []
+    for number in numbers:
+        if number is None:
+            raise ValueError(f"seed = {seed}: worlds draw from one stream, so that all of them need a seed, or none.")
+        if not isinstance(number, int | np.integer):
+            raise TypeError(f"seed = {seed!r}: must be an integer, or a list of one for each world.")
+        if number < 0:
+            raise ValueError(f"seed = {seed}: must not be negative.")
+        found.append(int(number))
+    return found
+
+
+def masked_worlds(mask: Any, worlds: int, autoreset: bool) -> npt.NDArray[np.int64]:
+    """Indices that gymnasium's ``reset_mask`` names.
+
+    Raises:
+        TypeError: The mask is no array of bool.
+        ValueError: It has another shape or names no world, or worlds reset themselves.
+    """
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
+        raise TypeError(f"options['reset_mask'] = {mask!r}: must be a numpy array of bool.")
+    if autoreset:
+        raise ValueError("options['reset_mask'] needs autoreset=False: otherwise finished worlds reset themselves.")
+    if mask.shape != (worlds,) or not mask.any():
+        raise ValueError(f"options['reset_mask'] = {mask}: must have shape ({worlds},) and name at least one world.")
+    return np.flatnonzero(mask)
 
 
 class EpisodeStream:
@@ -29,13 +81,11 @@ class EpisodeStream:
         self._source_given = source is not None
         self._chunk: tuple[int, World] | None = None
 
-    def restart(self, seed: int | list[int | None] | None) -> None:
+    def restart(self, seed: list[int] | None) -> None:
         """Start the stream of a seed, or the given source, anew; without a seed go on, if there is a source yet."""
         if seed is not None or self._source is None:
             if self._source is None or not self._source_given:
-                numbers = [seed] if isinstance(seed, int) else seed
-                entropy = None if numbers is None else [int(number or 0) for number in numbers]
-                self._source = EpisodeSource(self._scenario, np.random.SeedSequence(entropy))
+                self._source = EpisodeSource(self._scenario, np.random.SeedSequence(seed))
             self._chunk = None
             self.next_episode = 0
         assert self._source is not None

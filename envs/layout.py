@@ -9,37 +9,29 @@ import numpy as np
 
 from envs import pedestrians as crossing
 from envs import traffic
-from envs.scenario import EGO_SPEED_MAX_MPS, GOAL_M, LANE_WIDTH_M, LANES, SPAWN_STRETCH_M, Scenario
+from envs.scenario import (
+    EGO_SPEED_MAX_MPS,
+    FIRST_SPAWN_M,
+    GOAL_M,
+    LANE_CAPACITY,
+    LANE_WIDTH_M,
+    LANES,
+    SPACING_M,
+    SPAWN_STRETCH_M,
+    Scenario,
+)
 from envs.world import WAITING, FloatArray, World, empty_world
 
 SPEED_MIN_MPS: Final = 8.0
 SPEED_MAX_MPS: Final = 12.0
 """Range of start and desired speeds (paper, Sec. V-A)."""
-FIRST_SPAWN_M: Final = 20.0
-"""Nearest spawn ahead of the ego, centre to centre [m]."""
-SPACING_M: Final = 20.0
-"""Least spacing of cars in one lane at the start, centre to centre [m]."""
 CHUNK: Final = 1024
 """Episodes drawn together."""
 
 
-def lane_capacity() -> int:
-    """Cars that fit into one lane of the spawn stretch."""
-    return int((SPAWN_STRETCH_M - FIRST_SPAWN_M) // SPACING_M) + 1
-
-
-def _require_room(scenario: Scenario) -> None:
-    capacity = LANES * lane_capacity()
-    if scenario.vehicles > capacity:
-        raise ValueError(
-            f"Scenario {scenario.name!r} cannot spawn {scenario.vehicles} vehicles: at most {capacity} fit "
-            f"into {SPAWN_STRETCH_M:.0f} m of {LANES} lanes at {SPACING_M:.0f} m spacing."
-        )
-
-
 def _draw_lanes(rng: np.random.Generator, n: int, vehicles: int) -> np.ndarray:
     """Lanes (n, vehicles), uniform over all ways to fill the spawn places without overfilling a lane."""
-    places = np.repeat(np.arange(LANES), lane_capacity())
+    places = np.repeat(np.arange(LANES), LANE_CAPACITY)
     return rng.permuted(np.broadcast_to(places, (n, places.size)), axis=1)[:, :vehicles]
 
 
@@ -94,12 +86,7 @@ def _fill_pedestrians(world: World, rng: np.random.Generator) -> None:
 
 
 def sample_initial_worlds(scenario: Scenario, seed: np.random.SeedSequence, n: int) -> World:
-    """Draw n initial states; ego, traffic and pedestrians have streams of their own.
-
-    Raises:
-        ValueError: The vehicles cannot fit.
-    """
-    _require_room(scenario)
+    """Draw n initial states; ego, traffic and pedestrians have streams of their own."""
     for_ego, for_traffic, for_pedestrians = (np.random.default_rng(s) for s in seed.spawn(3))
     world = empty_world(n, scenario.vehicles, scenario.pedestrians)
     ego = world.ego

@@ -18,7 +18,8 @@ TRIGGER_GAP_MIN_M: Final = 30.0
 TRIGGER_GAP_MAX_M: Final = 90.0
 FAIR_HEADWAY_S: Final = 3.6
 FAIR_MARGIN_M: Final = 1.0
-# At up to v_max = 13.89 m/s, 3.6 v + 1 m exceeds the stopping distance v^2 / (2 x 2 m/s2) by 2.8 m or more.
+# At up to v_max = 13.89 m/s, 3.6 v + 1 m exceeds the stopping distance v^2 / (2 x 2 m/s2)
+# by 1.0 m or more: 1.0 m at rest, 14 m at 7.2 m/s, 2.77 m at v_max.
 TRAFFIC_REACTION_S: Final = 0.5
 PASSING_SPEED_SHARE: Final = 0.8
 

@@ -24,7 +24,13 @@ EGO_SPEED_MAX_MPS: Final = 13.89
 """v_max, 50 km/h [m/s]."""
 VEHICLE_SLOTS: Final = 5
 PEDESTRIAN_SLOTS: Final = 3
-VEHICLES_MAX: Final = 100
+FIRST_SPAWN_M: Final = 20.0
+"""Nearest spawn ahead of the ego, centre to centre [m]."""
+SPACING_M: Final = 20.0
+"""Least spacing of cars in one lane at the start, centre to centre [m]."""
+LANE_CAPACITY: Final = int((SPAWN_STRETCH_M - FIRST_SPAWN_M) // SPACING_M) + 1
+"""Cars that fit into one lane of the spawn stretch."""
+VEHICLES_MAX: Final = LANES * LANE_CAPACITY
 
 
 class UnknownNameError(ValueError):
@@ -58,7 +64,7 @@ class Scenario:
     Attributes:
         name: Canonical name, parameters included, for example ``a:vehicles=8``.
         version: Raised by every change that alters results; results of two versions are never compared.
-        vehicles: Number of traffic vehicles, 1 to 100.
+        vehicles: Number of traffic vehicles, 1 to 27: what fits into the spawn stretch.
         lane_changes: Whether traffic changes lanes by MOBIL.
         pedestrian_rule: When pedestrians step off the kerb, `PedestrianRule`.
         standing_start: Ego starts from rest instead of at U(8, 12) m/s.
@@ -79,7 +85,8 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse values that no world can be built from."""
         if not 1 <= self.vehicles <= VEHICLES_MAX:
-            raise ValueError(f"vehicles = {self.vehicles}: must be 1 to {VEHICLES_MAX}.")
+            room = f"{SPAWN_STRETCH_M:.0f} m of {LANES} lanes at {SPACING_M:.0f} m spacing"
+            raise ValueError(f"vehicles = {self.vehicles}: must be 1 to {VEHICLES_MAX}, what fits into {room}.")
         steps = self.decision_period_s / STEP_S
         if not (0.999 <= steps <= 100.001 and abs(steps - round(steps)) < 1e-6):
             raise ValueError(
@@ -153,17 +160,6 @@ def _load(base: str) -> Scenario:
     if not isinstance(loaded, Scenario) or loaded.name != base:
         raise UnavailableError(f"{origin} is {loaded!r}: must be a Scenario whose name is {base!r}.")
     return loaded
-
-
-def register_scenario(scenario: Scenario) -> None:
-    """Make a scenario known by name, in this process; an entry point makes it known in every process.
-
-    Raises:
-        ValueError: Another scenario has that name.
-    """
-    if _BUILT_IN.get(scenario.name, scenario) != scenario:
-        raise ValueError(f"Scenario name {scenario.name!r} is taken by {_BUILT_IN[scenario.name]}.")
-    _BUILT_IN[scenario.name] = scenario
 
 
 def _parse_value(key: str, text: str) -> bool | int | float | PedestrianRule:

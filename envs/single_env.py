@@ -33,7 +33,7 @@ class DrivingEnv(gymnasium.Env[npt.NDArray[np.float32], npt.NDArray[Any]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
         """Start a new episode."""
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else int(seed))  # gymnasium takes no numpy integer
         observations, info = self.vector.reset(seed=seed)
         return observations[0], info
 

@@ -186,7 +186,7 @@ class Shield(Protocol):
 
         Returns:
             Executed targets (N,) [m], executed accelerations (N,) [m/s2], whether the shield intervened (N,),
-            and the lateral planner's horizon (N,) [s] or None for the default of 3 s.
+            and the lateral planner's horizon (N,) [s], > 0, or None for the default of 3 s.
         """
         ...
 

@@ -44,6 +44,35 @@ def test_a_car_that_drifts_into_the_corridor_counts():
     assert limits(world)[0] == math.inf
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_car_counts_from_the_drift_on_that_carries_it_into_the_corridor(side):
+    # Its side, 2.5 m away, and the strip's edge at 1.3 m: 10 m/s sin h 3 s > 1.2 m, sin h > 0.04.
+    world = scene([(20.0, 3.5 * side, 10.0)])
+    for heading, counts in ((-0.041, True), (-0.039, False), (0.041, False)):
+        world.vehicles["heading"] = side * math.asin(heading)
+        assert (limits(world)[0] < 0.0) == counts
+
+
+def test_a_turned_car_goes_along_the_road_at_the_cosine_of_its_heading():
+    # Ahead 2 (40 - 36 + 3 (10 cos 0.3 - 10)) / 9; behind, on the way to its lane, 2 (-40 + 36 + 3 (...)) / 9.
+    slower = 10.0 * math.cos(0.3) - 10.0
+    for heading in (-0.3, 0.3):
+        world = scene([(40.0, 0.0, 10.0)])
+        world.vehicles["heading"] = heading
+        assert limits(world)[0] == pytest.approx(2.0 * (4.0 + 3.0 * slower) / 9.0)
+        world = scene([(-40.0, 3.5, 10.0)])
+        world.vehicles["heading"] = heading
+        assert limits(world, target=3.5)[1] == pytest.approx(2.0 * (-4.0 + 3.0 * slower) / 9.0)
+
+
+def test_a_follower_that_drifts_towards_the_ego_is_still_one_of_its_own_lane():
+    # It will be behind the ego within 3 s (10 sin 0.1 3 = 3 m), but now it is beside it: the change is into its way.
+    world = scene([(-40.0, 3.5, 10.0)])
+    world.vehicles["heading"] = -0.1
+    expected = 2.0 * (-4.0 + 30.0 * (math.cos(0.1) - 1.0)) / 9.0
+    assert limits(world, target=3.5)[1] == pytest.approx(expected)
+
+
 def test_an_absent_car_does_not_count():
     world = scene([(20.0, 0.0, 10.0)])
     world.vehicles["present"] = 0
@@ -141,6 +170,18 @@ def test_a_pedestrian_behind_does_not_count_and_one_beside_only_for_a_motion_tow
     assert guarded(beside, target=-3.5) == (-3.5, 1.0, False)
     beside.pedestrians["s"] = 1.0
     assert guarded(beside, target=3.5) == (0.0, 1.0, True)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_pedestrian_beside_the_front_half_is_braked_for_and_one_beside_the_rear_half_only_approached(side):
+    # He stands at 1.2 m, within the strip's 1.3 m. Moving away from him, or on, is free once his half has passed.
+    world = scene([], [(1.0, 1.2 * side, 0.0)])
+    for ds, towards, kept in ((1.0, True, True), (0.0, True, False), (-1.0, True, False)):
+        world.pedestrians["s"] = ds
+        assert limits(world, target=1.0 * side, hold=False)[0] == (-math.inf if kept else math.inf)
+        assert (limits(world)[0] == -math.inf) == kept
+        assert guarded(world, target=-3.5 * side)[2] == kept
+        assert guarded(world, target=1.0 * side)[2] == towards
 
 
 def test_all_lanes_means_all_pedestrians_too():

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
+from algorithms.corridor import reach
 from algorithms.dd_rq_plus import ShareGuard
 from algorithms.guard_features import FEATURES, GuardFeatures, observed_world, scaled
+from algorithms.guard_options import GuardOptions
 from algorithms.method import Budget, Task
 from algorithms.networks import PolicyFileError
 from algorithms.registry import get_method
@@ -18,6 +20,7 @@ from envs.driving_env import DrivingVectorEnv
 from envs.geometry import lane_centre, nearest_lane
 from envs.scenario import get_scenario
 from envs.world import CROSSING
+from tests.algorithms.guard_scenes import limits, scene
 
 WORLDS = 64
 
@@ -101,11 +104,15 @@ def test_a_limit_is_scaled_without_losing_its_order():
 def test_the_observed_world_is_the_world_nearest_first(scenario):
     env = DrivingVectorEnv(scenario, WORLDS)
     observations, _ = env.reset(seed=2)
-    for _ in range(25):
-        observations, *_ = env.step(np.tile([0.0, 0.5], (WORLDS, 1)))
+    for k in range(25):
+        aside = 0.0 if k < 23 else 1.0
+        observations, *_ = env.step(np.tile([aside, 0.5], (WORLDS, 1)))
     seen, world = observed_world(observations), env.world
     for name in ("s", "d", "speed", "lateral_speed", "heading"):
         assert seen.ego[name] == pytest.approx(world.ego[name], rel=1e-5, abs=1e-4)
+    assert (world.ego["lateral_speed"] > 0.1).sum() > 20
+    assert seen.ego["reference_d"] == pytest.approx(world.ego["d"], abs=1e-4)
+    assert seen.ego["reference_speed"] == pytest.approx(world.ego["lateral_speed"], rel=1e-5, abs=1e-4)
     walking = 0
     for i in range(WORLDS):
         near = np.argsort(np.abs(world.vehicles["s"][i] - world.ego["s"][i]))
@@ -121,6 +128,10 @@ def test_the_observed_world_is_the_world_nearest_first(scenario):
         assert sorted(seen.pedestrians["d"][i][seen.pedestrians["state"][i] == CROSSING]) == pytest.approx(
             sorted(crossing), abs=1e-3
         )
+        walks = (
+            part.pedestrians["lateral_speed"][i][part.pedestrians["state"][i] == CROSSING] for part in (seen, world)
+        )
+        assert sorted(next(walks)) == pytest.approx(sorted(next(walks)), abs=1e-3)
         walking += len(crossing)
     assert (walking > 0) == (scenario == "b")
 
@@ -175,3 +186,20 @@ def test_an_aware_policy_is_saved_and_needs_its_features(tmp_path):
     assert np.array_equal(method.load_policy(tmp_path, task).act(observations), policy.act(observations))
     with pytest.raises(PolicyFileError, match=r"53 .* 47"):
         get_method("safety-guard").load_policy(tmp_path, task)
+
+
+@pytest.mark.parametrize(("tc", "least"), [(1.0, 0.620), (3.0, 0.415), (7.0, 0.381)])
+def test_a_feature_jumps_by_what_is_written_where_a_standing_body_comes_within_reach(tc, least):
+    # At reach the gap is 3.6 v + T_c v + 1.5 T_c^2 + 3 m, so that Eq. (SCA) gives 3 + 6 / T_c^2.
+    at = reach(10.0, tc)
+    world = scene([(at - 5.0, 0.0, 0.0)])
+    for ds, expected in ((at + 1e-6, 1.0), (at - 1e-6, least)):
+        world.vehicles["s"] = ds
+        assert scaled(limits(world, tc=tc)[0]) == pytest.approx(expected, abs=1e-3)
+    assert scaled(3.0 + 6.0 / tc**2) == pytest.approx(least, abs=1e-3)
+
+
+def test_the_literal_method_keeps_the_corrections():
+    options = get_method("safety-guard:literal=true").shield().options
+    assert options == GuardOptions(True, True, True, True, True, True, True, True, True)
+    assert get_method("safety-guard:literal=true,reserve=false").shield().options.reserve is False

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from algorithms.critical_acceleration import sca, stopping_bound
 from algorithms.guard_options import GuardOptions
 from algorithms.safety_guard import SafetyGuard
-from tests.algorithms.guard_scenes import guarded, limits, scene
+from tests.algorithms.guard_scenes import alongside, guarded, limits, scene
 
 pytestmark = pytest.mark.kernels
 
@@ -40,6 +40,14 @@ def test_the_printed_selection_takes_the_least_binding_leader():
     assert limits(world, literal_selection=True)[0] == pytest.approx(48.0 / 9.0)
     assert guarded(world)[1] == pytest.approx(-4.0 / 9.0)
     assert guarded(world, literal_selection=True) == (0.0, 1.0, False)
+
+
+def test_the_printed_selection_takes_a_car_alongside_for_nobody():
+    # Alongside is -inf: the least a - Linear(IR), but no greatest a + Linear(IR), and so the set seems empty.
+    world = alongside(2.0, 3.5)
+    assert limits(world, target=3.5, literal_selection=True)[0] == math.inf
+    assert guarded(world, target=3.5, literal_selection=True) == (3.5, 1.0, False)
+    assert guarded(world, target=3.5) == (0.0, 1.0, True)
 
 
 class Ranked(SafetyGuard):

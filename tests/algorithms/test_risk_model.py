@@ -9,6 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from algorithms.risk_kernel import rank_objects_by
 from algorithms.risk_model import (
     RiskArchitecture,
     RiskModel,
@@ -66,6 +67,28 @@ def test_importance_sums_to_one_over_present_objects_and_is_zero_elsewhere(model
     assert not present.all()
     assert (importance[~present] == 0.0).all()
     assert np.allclose(importance.sum(1)[present.any(1)], 1.0)
+
+
+def test_importance_is_the_attention_to_the_present_renormalised():
+    # The ego's own 0.5 is left out: 0.1 and 0.4 of slots 2 and 6.
+    ranks = np.full(8, np.nan)
+    rank_objects_by(np.array([0.5, 0.1, 0.4, 9.0], np.float32), 3, np.array([-1, 2, 6, 0]), ranks)
+    assert ranks == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.8, 0.0])
+
+
+def test_where_the_ego_attends_to_itself_alone_present_objects_share_equally(observations):
+    ranks = np.full(8, np.nan)
+    rank_objects_by(np.array([1.0, 0.0, 0.0], np.float32), 3, np.array([-1, 2, 6]), ranks)
+    assert ranks.tolist() == [0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0]
+    torch.manual_seed(0)
+    size = RiskArchitecture()
+    network = RiskNetwork(size)
+    with torch.no_grad():
+        network.blocks[-1].query_key_value.weight *= 1000.0
+    importance, present = RiskModel(network, size, {})(observations).importance, observations[:, 39:47] > 0.5
+    assert np.allclose(importance.sum(1), present.any(1))
+    equal = present / np.maximum(present.sum(1, keepdims=True), 1)
+    assert (np.abs(importance - equal).max(1)[present.sum(1) > 1] < 1e-6).sum() > 100
 
 
 @pytest.mark.parametrize("size", [RiskArchitecture(), RiskArchitecture(width=8, heads=2, layers=3, hidden=12)])

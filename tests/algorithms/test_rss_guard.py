@@ -201,6 +201,35 @@ def test_the_ego_goes_on_braking_where_it_would_just_come_to_rest_clear_of_a_ped
     assert guarded(world, -3.5, 2.0)[1] == -2.0
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_ego_comes_to_rest_beside_a_car_if_its_lateral_acceleration_lets_it(side):
+    # 0.3 m between the bodies; at 0.8 m/s towards it 1.03 (0.3 + a / 16) m: 0.44 m at 2 m/s2, 0.18 m at -2 m/s2.
+    world = scene([(12.0, 2.3 * side, 10.0, 0.0)], drift=0.8 * side)
+    world.ego["reference_acceleration"] = 2.0 * side
+    assert guarded(world) == (0.0, -2.0, True, 3.0)
+    world.ego["reference_acceleration"] = -2.0 * side
+    assert guarded(world) == (0.0, 1.0, True, REST_HORIZON_S)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_pedestrian_beyond_the_way_to_rest_is_kept_clear_of_by_coming_to_rest(side):
+    # The strip at rest ends 1.03 (0.3 + a / 16) + 1.3 m aside, he 0.3 m before 1.9 m: in it at 2 m/s2, not at -2 m/s2.
+    world = scene(people=[(20.0, 1.9 * side, 0.0)], drift=0.8 * side)
+    world.ego["reference_acceleration"] = 2.0 * side
+    assert guarded(world, 3.5 * side) == (3.5 * side, -2.0, True, 3.0)
+    world.ego["reference_acceleration"] = -2.0 * side
+    assert guarded(world, 3.5 * side) == (0.0, -2.0, True, REST_HORIZON_S)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_pedestrian_beside_the_ego_is_braked_for_if_he_walks_towards_it(side):
+    # He gets from 2.5 m to 1 m within the second: into the strip, which ends at 1.3 m; or away from it.
+    assert guarded(scene(people=[(0.5, 2.5 * side, -1.5 * side)]))[1] == -2.0
+    assert guarded(scene(people=[(0.5, 2.5 * side, 1.5 * side)]))[1] == 1.0
+    assert guarded(scene(people=[(20.0, 2.5 * side, -1.5 * side)]))[1] == -2.0
+    assert guarded(scene(people=[(20.0, 2.5 * side, 1.5 * side)]))[1] == 1.0
+
+
 def test_who_waits_is_not_there():
     world = scene(people=[(20.0, 0.0, 1.0)])
     world.pedestrians["state"] = WAITING

@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from algorithms.guard_demand import require_horizon
 from algorithms.guard_options import GuardOptions, Switches
-from algorithms.safety_guard import SafetyGuard, require_horizon
+from algorithms.safety_guard import SafetyGuard
 from envs.world import WAITING, World, empty_world
 from tests.algorithms.guard_scenes import SWITCHES, guarded, limits, scene
 
@@ -30,6 +31,55 @@ def test_an_unusable_adjustment_time_of_one_world_is_named_with_the_world(tc):
 
     with pytest.raises(ValueError, match=r"T_c .* in world 1"):
         Adjustable().filter(empty_world(2, 1, 0), np.zeros(2), np.zeros(2))
+
+
+class Asking(SafetyGuard):
+    """Asks for what it is told to."""
+
+    def __init__(self, horizons, shares, importance):
+        super().__init__()
+        self.asked = np.array(horizons), np.array(shares), np.array(importance)
+
+    def horizons(self, world):
+        return self.asked[0]
+
+    def shares(self, world):
+        return self.asked[1]
+
+    def importance(self, world):
+        return self.asked[2]
+
+
+@pytest.mark.parametrize("share", [-0.01, 1.01, math.nan, math.inf, -math.inf])
+def test_an_unusable_share_of_one_world_is_named_with_the_world(share):
+    # 20 m behind a standing car a share of NaN demanded nothing but the reserve.
+    world = two_worlds_before_a_standing_car()
+    with pytest.raises(ValueError, match=rf"^share = {share} in world 1: must be between 0 and 1\.$"):
+        Asking([3.0, 3.0], [1.0, share], np.zeros((2, 1))).filter(world, np.zeros(2), np.ones(2))
+    for usable in (0.0, 1.0):
+        Asking([3.0, 3.0], [1.0, usable], np.zeros((2, 1))).filter(world, np.zeros(2), np.ones(2))
+
+
+@pytest.mark.parametrize("rank", [math.nan, math.inf, -math.inf])
+def test_an_unusable_importance_is_named_with_body_and_world(rank):
+    # NaN beats no other key: the one car ahead did not bind at all.
+    world = two_worlds_before_a_standing_car()
+    with pytest.raises(ValueError, match=rf"^importance = {rank} of body 0 in world 1: must be finite\.$"):
+        Asking([3.0, 3.0], [1.0, 1.0], [[0.5], [rank]]).filter(world, np.zeros(2), np.ones(2))
+
+
+@pytest.mark.parametrize(
+    "shapes", [((0,), (2,), (2, 1)), ((2,), (3,), (2, 1)), ((2,), (2,), (2, 0)), ((2,), (2,), (1,))]
+)
+def test_a_demand_for_other_worlds_is_refused(shapes):
+    horizons, shares, importance = (np.ones(shape) for shape in shapes)
+    with pytest.raises(ValueError, match=r"2 worlds of 1 bodies need .* call observe"):
+        Asking(horizons, shares, importance).filter(two_worlds_before_a_standing_car(), np.zeros(2), np.ones(2))
+
+
+def two_worlds_before_a_standing_car():
+    one = scene([(20.0, 0.0, 0.0)])
+    return World(*(np.concatenate([part, part]) for part in (one.ego, one.vehicles, one.pedestrians, one.episode)))
 
 
 @pytest.mark.parametrize("bodies", [(0, 0), (3, 0), (0, 2), (3, 2)])

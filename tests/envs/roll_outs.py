@@ -24,8 +24,14 @@ def actions(rng: np.random.Generator, n: int, space: gymnasium.spaces.Box | None
 class Recorded:
     """A shield that does what it is told and remembers when it was asked."""
 
-    def __init__(self, acceleration: float | None = None, flag: bool = False, target: float | None = None) -> None:
-        self.acceleration, self.flag, self.target = acceleration, flag, target
+    def __init__(
+        self,
+        acceleration: float | None = None,
+        flag: bool = False,
+        target: float | None = None,
+        horizon: float | None = None,
+    ) -> None:
+        self.acceleration, self.flag, self.target, self.horizon = acceleration, flag, target, horizon
         self.observed: list[np.ndarray] = []
         self.asked = 0
 
@@ -42,4 +48,4 @@ class Recorded:
         n = len(world)
         safe = accelerations if self.acceleration is None else np.full(n, self.acceleration)
         where = targets if self.target is None else np.full(n, self.target)
-        return where, safe, np.full(n, self.flag), None
+        return where, safe, np.full(n, self.flag), None if self.horizon is None else np.full(n, self.horizon)

@@ -9,6 +9,7 @@ from gymnasium.vector import VectorEnv
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import held_out_source
 from envs.scenario import get_scenario
+from envs.single_env import DrivingEnv
 from envs.world import EPISODE
 from tests.envs.roll_outs import FULL_THROTTLE, actions, source
 from tests.envs.small_worlds import driving_env
@@ -109,3 +110,37 @@ def test_without_a_seed_reset_goes_on_in_the_stream() -> None:
     env.reset(seed=4)
     env.reset()
     assert env.world.episode["episode"].tolist() == [2, 3]
+
+
+@kernels
+def test_a_numpy_integer_is_the_seed_that_it_equals() -> None:
+    expected = driving_env("a", 2).reset(seed=7)[0]
+    assert (driving_env("a", 2).reset(seed=np.int64(7))[0] == expected).all()  # type: ignore[arg-type]
+    pair = driving_env("a", 2).reset(seed=[3, 4])[0]
+    assert (driving_env("a", 2).reset(seed=[np.int64(3), np.uint8(4)])[0] == pair).all()  # type: ignore[list-item]
+    assert (DrivingEnv("a").reset(seed=np.int64(7))[0] == DrivingEnv("a").reset(seed=7)[0]).all()  # type: ignore[arg-type]
+
+
+@kernels
+def test_no_seed_for_any_world_is_no_seed() -> None:
+    one, other = (driving_env("a", 2).reset(seed=[None, None])[0] for _ in range(2))
+    assert (one != other).any()
+    env = driving_env("a", 2)
+    env.reset(seed=4)
+    env.reset(seed=[None, None])
+    assert env.world.episode["episode"].tolist() == [2, 3]
+
+
+@kernels
+@pytest.mark.parametrize(
+    ("seed", "error", "message"),
+    [
+        ([1], ValueError, "1 seeds for 2 worlds"),
+        ([1, None], ValueError, "all of them need a seed, or none"),
+        (-1, ValueError, "seed = -1: must not be negative"),
+        ([1, 2.5], TypeError, "must be an integer"),
+    ],
+)
+def test_an_unusable_seed_is_refused(seed: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        driving_env("a", 2).reset(seed=seed)

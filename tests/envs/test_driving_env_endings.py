@@ -110,6 +110,48 @@ def test_without_autoreset_a_finished_world_waits_for_reset() -> None:
     assert env.world.episode["episode"].tolist() == [2, 3]
 
 
+@kernels
+def test_a_reset_mask_starts_new_episodes_in_its_worlds_only() -> None:
+    env = driving_env("a", 3, source=source("a", 9), autoreset=False)
+    first, _ = env.reset()
+    second = env.step(np.ones((3, 2)))[0]
+    driven = env.world.copy()
+    third, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+    assert env.world.episode["episode"].tolist() == [0, 3, 2]
+    assert env.world.episode["steps"].tolist() == [5, 0, 5]
+    assert (third[[0, 2]] == second[[0, 2]]).all()
+    assert (third[1, 0], second[1, 0] > 0.0) == (0.0, True)
+    assert env.world.ego[[0, 2]].tobytes() == driven.ego[[0, 2]].tobytes()
+    assert (third[1] != first[1]).any()
+    assert env.active.all()
+
+
+@kernels
+@pytest.mark.parametrize(
+    ("mask", "error", "message"),
+    [
+        ([True, False], TypeError, "numpy array of bool"),
+        (np.array([1, 0]), TypeError, "numpy array of bool"),
+        (np.array([True]), ValueError, r"must have shape \(2,\)"),
+        (np.array([False, False]), ValueError, "name at least one world"),
+    ],
+)
+def test_an_unusable_reset_mask_is_refused(mask: object, error: type[Exception], message: str) -> None:
+    env = driving_env("a", 2, autoreset=False)
+    env.reset(seed=0)
+    before = env.world.copy()
+    with pytest.raises(error, match=message):
+        env.reset(seed=1, options={"reset_mask": mask})
+    assert env.world.ego.tobytes() == before.ego.tobytes()
+
+
+@kernels
+def test_a_reset_mask_needs_worlds_that_wait() -> None:
+    env = driving_env("a", 2)
+    with pytest.raises(ValueError, match=r"reset_mask.*needs autoreset=False"):
+        env.reset(seed=0, options={"reset_mask": np.array([True, False])})
+
+
 def test_an_ended_source_leaves_worlds_idle_and_counts_each_episode_once() -> None:
     env = DrivingVectorEnv("a", 8, source=source("a", 13))
     env.reset()

@@ -1,6 +1,7 @@
 """What goes in and comes out: observations within bounds, arrays that nobody overwrites, bad input refused."""
 
 import re
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -99,6 +100,41 @@ def test_a_shields_answer_that_is_not_finite_is_refused(what: str, value: float)
 
 
 @kernels
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_a_shields_horizon_that_no_plan_can_have_is_refused(value: float) -> None:
+    env = driving_env("a", 2, shield=Recorded(horizon=value))
+    env.reset(seed=0)
+    before = env.world.copy()
+    with pytest.raises(ValueError, match=rf"Shield Recorded gave world 0 the horizon {value}: must be finite"):
+        env.step(np.zeros((2, 2)))
+    assert env.world.ego.tobytes() == before.ego.tobytes()
+
+
+@kernels
+@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("wrong", [np.zeros(1), np.zeros((2, 1)), np.array(1.0), 1.0, [1.0, 1.0]])
+def test_a_shields_answer_of_another_shape_is_refused(part: int, wrong: object) -> None:
+    class Misshapen(Recorded):
+        def filter(self, *arguments: Any) -> Any:
+            answer = [*super().filter(*arguments)]
+            answer[part] = wrong.astype(bool) if part == 2 and isinstance(wrong, np.ndarray) else wrong
+            return tuple(answer)
+
+    env = driving_env("a", 2, shield=Misshapen())
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"Shield Misshapen gave .*: must be arrays of shape \(2,\), one value"):
+        env.step(np.zeros((2, 2)))
+
+
+@kernels
+def test_a_shields_flags_are_truth_values() -> None:
+    env = driving_env("a", 2, shield=Recorded(flag=0.5))  # type: ignore[arg-type]
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"Shield Recorded gave .* flags float64 \(2,\).*the flags of bool"):
+        env.step(np.zeros((2, 2)))
+
+
+@kernels
 def test_values_beyond_the_action_space_are_clipped_to_it() -> None:
     beyond, at = (driving_env("a") for _ in range(2))
     for env, action in ((beyond, [99.0, -99.0]), (at, [3.5, -2.0])):
@@ -126,9 +162,10 @@ def test_unknown_names_and_values_are_refused_at_construction() -> None:
         gymnasium.make("bench/DenseTraffic-v9")
 
 
-def test_a_spawn_that_cannot_fit_is_refused_when_episodes_begin() -> None:
-    with pytest.raises(ValueError, match="cannot spawn 40 vehicles: at most 27 fit"):
-        DrivingEnv("a:vehicles=40").reset(seed=0)
+def test_a_spawn_that_cannot_fit_is_refused_at_construction() -> None:
+    with pytest.raises(ValueError, match="vehicles = 100: must be 1 to 27, what fits into 180 m of 3 lanes"):
+        DrivingEnv("a:vehicles=100")
+    DrivingEnv("a:vehicles=27").reset(seed=0)
 
 
 def test_a_watched_environment_refuses_to_go_on_once_its_observations_were_written_into():
