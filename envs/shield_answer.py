@@ -9,6 +9,8 @@ import numpy as np
 from envs import batch
 from envs.world import BoolArray, Ending, FloatArray, World
 
+_BOOL = np.dtype(np.bool_)
+
 
 def check_answer(
     shield: object, world: World, targets: FloatArray, accelerations: FloatArray, flags: BoolArray,
@@ -28,10 +30,7 @@ def check_answer(
         ValueError: A wrong shape or type; or in a running world a value that is not finite, or a horizon of 0 or less.
     """
     shape = (len(world),)
-    if not (
-        isinstance(flags, np.ndarray) and flags.dtype == np.bool_ and flags.shape == shape
-        and _is_array(targets, shape) and _is_array(accelerations, shape) and _is_array(horizons, shape)
-    ):  # fmt: skip
+    if not _fits(shape, targets, accelerations, flags, horizons):
         answers = {"targets": targets, "accelerations": accelerations, "flags": flags, "horizons": horizons}
         kinds = ", ".join(f"{name} {_kind(given)}" for name, given in answers.items())
         raise ValueError(
@@ -48,8 +47,12 @@ def check_answer(
             raise ValueError(f"Shield {type(shield).__name__} gave world {i} the {what} {values[i]}: must be {must}.")
 
 
-def _is_array(given: Any, shape: tuple[int, ...]) -> bool:
-    return isinstance(given, np.ndarray) and given.shape == shape
+def _fits(shape: tuple[int, ...], targets: Any, accelerations: Any, flags: Any, horizons: Any) -> bool:
+    try:
+        same = shape == targets.shape == accelerations.shape == flags.shape == horizons.shape
+        return same and flags.dtype == _BOOL
+    except AttributeError:  # no array
+        return False
 
 
 def _kind(given: Any) -> str:
