@@ -50,7 +50,7 @@ def check_answer(
 def _fits(shape: tuple[int, ...], targets: Any, accelerations: Any, flags: Any, horizons: Any) -> bool:
     try:
         same = shape == targets.shape == accelerations.shape == flags.shape == horizons.shape
-        return same and flags.dtype == _BOOL
+        return bool(same and flags.dtype == _BOOL)
     except AttributeError:  # no array
         return False
 
