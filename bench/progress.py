@@ -105,7 +105,10 @@ class Board:
         return sum(run.phase in phases for run in self.runs)
 
     def eta_s(self) -> float | None:
-        """Rough seconds to the end of everything, from the runs that have ended; None while unknown."""
+        """Rough seconds to the end of everything, from the runs that have ended; None while unknown.
+
+        Not less than the longest stage still takes that is under way: whoever trains a risk model for all works longer.
+        """
         ended: dict[str, list[float]] = {}
         for run in self.runs:
             if run.phase is Phase.DONE:
@@ -114,14 +117,16 @@ class Board:
         if not every:
             return None
         mean = sum(every) / len(every)
-        left = 0.0
+        left = longest = 0.0
         for run in self.runs:
             if run.phase in (Phase.QUEUED, Phase.RUNNING):
                 group = ended.get(run.spec.method)
                 expected = sum(group) / len(group) if group else mean
-                spent = time.monotonic() - run._started if run.phase is Phase.RUNNING else 0.0
-                left += max(0.0, expected - spent)
-        return left / max(1, self.workers)
+                running = run.phase is Phase.RUNNING
+                spent, stage = (time.monotonic() - run._started, run.eta_s or 0.0) if running else (0.0, 0.0)
+                left += max(stage, expected - spent)
+                longest = max(longest, stage)
+        return max(left / max(1, self.workers), longest)
 
     def summary(self) -> str:
         """One line: how many are done, running, failed and queued."""

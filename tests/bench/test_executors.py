@@ -151,6 +151,16 @@ def test_the_time_left_comes_from_runs_of_the_same_method(make_spec: Make) -> No
     assert board.eta_s() == pytest.approx(10.0)
 
 
+def test_the_time_left_is_not_less_than_that_of_the_stage_that_takes_longest(make_spec: Make) -> None:
+    # One run has ended after 10 s; another trains a risk model, 3 of 15 epochs in 30 s: 120 s more.
+    done = RunStatus(make_spec(), Phase.DONE, seconds=10.0)
+    now = time.monotonic()
+    slow = RunStatus(
+        make_spec(seed=1), Phase.RUNNING, "risk model", 3, 15, _started=now - 60.0, _stage_started=now - 30.0
+    )
+    assert Board([done, slow], workers=2).eta_s() == pytest.approx(120.0, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("code", "text"),
     [(-9, "was killed by SIGKILL (out of memory?)"), (-11, "was killed by SIGSEGV"), (3, "exit code 3")],
