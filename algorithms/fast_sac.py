@@ -16,7 +16,17 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from algorithms.perceptron import ACTOR, FIRST, SECOND, FlatModule, Layer, Workspace, through_relu, write_gradient
+from algorithms.perceptron import (
+    ACTOR,
+    FIRST,
+    SECOND,
+    FlatModule,
+    Layer,
+    Workspace,
+    linear_layers,
+    processor_rounds,
+    through_relu,
+)  # fmt: skip
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -91,24 +101,24 @@ class FastSAC(StableBaselinesSAC):
     bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
     """
 
-    precision = torch.float32
-    """Of the products of matrices; parameters, optimisers and losses are 32-bit floats in any case."""
+    rounded = False
+    """Whether products of wide layers round their factors to bfloat16."""
 
     def _setup_model(self) -> None:
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
         modules = (self.actor, self.critic, self.critic_target)
-        self._flat_actor, self._online, self._slow = (FlatModule(module, self.precision) for module in modules)
+        self._flat_actor, self._online, self._slow = (FlatModule(module) for module in modules)
         for module, flat in ((self.actor, self._flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
             module.optimizer = torch.optim.Adam([flat.vector], lr=group["lr"], fused=True)
-        self._space = Workspace(self.precision)
+        self._space = Workspace(self.rounded)
         # Mean and log standard deviation are two heads on one trunk.
-        self._trunk = self._flat_actor.layers(self.actor.latent_pi)
-        (self._mean,) = self._flat_actor.layers(cast(nn.Linear, self.actor.mu))
-        (self._log_std,) = self._flat_actor.layers(cast(nn.Linear, self.actor.log_std))
-        self._critics = [self._online.layers(network) for network in self.critic.q_networks]
-        self._targets = [self._slow.layers(network) for network in self.critic_target.q_networks]
+        self._trunk = linear_layers(self.actor.latent_pi)
+        (self._mean,) = linear_layers(cast(nn.Linear, self.actor.mu))
+        (self._log_std,) = linear_layers(cast(nn.Linear, self.actor.log_std))
+        self._critics = [linear_layers(network) for network in self.critic.q_networks]
+        self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
@@ -116,8 +126,6 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
-        for flat in (self._flat_actor, self._online, self._slow):
-            flat.refresh()
         with torch.no_grad():
             for _ in range(gradient_steps):
                 sums += self._update(batch_size)
@@ -131,18 +139,18 @@ class FastSAC(StableBaselinesSAC):
         assert isinstance(self.replay_buffer, PackedReplayBuffer)
         rows = self.replay_buffer.sample_rows(batch_size)
         n, a = self.observation_space.shape[0], self.action_space.shape[0]  # type: ignore[index]
-        states, next_states = rows[:, :n].contiguous(), rows[:, n + a + 2 :].contiguous()
-        state_action, reward, terminated = rows[:, : n + a].contiguous(), rows[:, n + a], rows[:, n + a + 1]
-        noise, next_noise = (torch.normal(torch.zeros(batch_size, a), torch.ones(batch_size, a)) for _ in range(2))
-        following = self._sample_actions(next_states, next_noise)
-        sample = self._sample_actions(states, noise)
+        states, next_states = rows[:, :n], rows[:, n + a + 2 :]
+        reward, terminated = rows[:, n + a], rows[:, n + a + 1]
+        noise = torch.cat([torch.randn(batch_size, a) for _ in range(2)])
+        both = self._sample_actions(torch.cat([states, next_states]), noise)
+        sample = both.first(batch_size)
+        next_actions, next_log_prob = both.action[batch_size:], both.log_prob[batch_size:]
         alpha = self._update_temperature(sample.log_prob)
-        value = self._least_value(self._targets, torch.cat([next_states, following.action], 1))
-        target = reward + (1.0 - terminated) * self.gamma * (value - alpha * following.log_prob)
-        critic_loss = self._update_critics(state_action, target)
+        value = self._least_value(self._targets, torch.cat([next_states, next_actions], 1))
+        target = reward + (1.0 - terminated) * self.gamma * (value - alpha * next_log_prob)
+        critic_loss = self._update_critics(rows[:, : n + a].contiguous(), target)
         actor_loss = self._update_actor(states, sample, alpha)
         self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
-        self._slow.refresh()
         return alpha, actor_loss, critic_loss
 
     def _least_value(self, critics: list[list[Layer]], state_action: Tensor) -> Tensor:
@@ -154,7 +162,7 @@ class FastSAC(StableBaselinesSAC):
         # The trunk ends in a ReLU of its own.
         activations = self._space.forward([*self._trunk, self._mean], states, ACTOR)
         hidden, mean = activations[-2], activations[-1]
-        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.weight.t()).float()
+        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.transposed)
         log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
         std = log_std.exp()
         action = torch.tanh(mean + std * noise)
@@ -178,9 +186,8 @@ class FastSAC(StableBaselinesSAC):
             activations = self._space.forward(critic, state_action, FIRST)
             error = activations[-1][:, 0] - target
             loss += 0.5 * float(error.square().mean())
-            self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=False)
+            self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=0)
         adam_step(self.critic.optimizer)
-        self._online.refresh()
         return loss
 
     def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
@@ -196,9 +203,9 @@ class FastSAC(StableBaselinesSAC):
         gradient = torch.zeros_like(action)
         for critic, hidden, chosen in zip(self._critics, passes, (first, ~first), strict=True):
             weight = chosen.to(action.dtype) * (-1.0 / batch)
-            through = self._space.backward(critic, hidden, weight, weights=False, inputs=True)
+            through = self._space.backward(critic, hidden, weight, weights=False, inputs=action.shape[1])
             assert through is not None
-            gradient += through[:, states.shape[1] :]
+            gradient += through
         # d log pi / d action = 2 a / (1 - a^2 + eps); action = tanh(mean + std * noise).
         gradient += (2.0 * alpha / batch) * action / (sample.slope + SQUASH_EPSILON)
         to_mean = gradient * sample.slope
@@ -206,22 +213,30 @@ class FastSAC(StableBaselinesSAC):
         to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
         self._backward_actor(sample.activations, to_mean, to_log_std)
         adam_step(self.actor.optimizer)
-        self._flat_actor.refresh()
         return float((alpha * sample.log_prob - value).mean())
 
     def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
         """Write the actor's gradients from those of its two heads."""
-        hidden, to_mean, to_log_std = activations[-1], to_mean.to(self.precision), to_log_std.to(self.precision)
+        hidden = activations[-1]
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
-            write_gradient(head, incoming, hidden)
+            self._space.write_gradient(head, incoming, hidden)
         gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
-        self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=False)
+        self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=0)
 
 
 class HalfFastSAC(FastSAC):
-    """`FastSAC` with products in bfloat16: pays where the processor has matrix units for it (AMX)."""
+    """`FastSAC` with products in bfloat16: pays where the processor has matrix units for it (AMX).
 
-    precision = torch.bfloat16
+    Raises:
+        ValueError: The processor has no such products.
+    """
+
+    rounded = True
+
+    def _setup_model(self) -> None:
+        if not processor_rounds():
+            raise ValueError("sac.learner=bf16: no products in bfloat16 on this processor; leave it at fast")
+        super()._setup_model()
 
 
 @dataclass(slots=True)
@@ -238,6 +253,11 @@ class _Sample:
     std: Tensor
     raw_log_std: Tensor
     log_prob: Tensor
+
+    def first(self, rows: int) -> _Sample:
+        """The first rows."""
+        rest = (self.action, self.slope, self.noise, self.std, self.raw_log_std, self.log_prob)
+        return _Sample([layer[:rows] for layer in self.activations], *(tensor[:rows] for tensor in rest))
 
 
 @contextmanager

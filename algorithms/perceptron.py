@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from torch import Tensor, nn
+
+_RELU_BACKWARD: Final = torch.ops.aten.threshold_backward.grad_input
+WIDE: Final = 128
+"""Least inputs and outputs of a layer whose products are rounded to bfloat16; below, that is slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,13 +19,17 @@ class Layer:
     """A linear layer as products see it.
 
     Attributes:
-        weight: Shape (outputs, inputs), in the precision of products.
-        bias: Shape (outputs,), in the precision of products.
-        weight_gradient: Written by `write_gradient`, 32 bits.
+        weight: Shape (outputs, inputs).
+        transposed: A view of it, shape (inputs, outputs).
+        wide: Whether a processor's matrix unit pays.
+        bias: Shape (outputs,).
+        weight_gradient: Written by `Workspace.write_gradient`.
         bias_gradient: Likewise.
     """
 
     weight: Tensor
+    transposed: Tensor
+    wide: bool
     bias: Tensor
     weight_gradient: Tensor
     bias_gradient: Tensor
@@ -31,41 +41,54 @@ class FlatModule:
     Adam works element by element: over one long vector it has no per-parameter work.
 
     Attributes:
-        vector: The parameters, 32 bits, with their gradients in ``grad``.
+        vector: The parameters, with their gradients in ``grad``.
 
     Args:
         module: Its parameters and gradients become views.
-        precision: Of products: 32-bit floats, or bfloat16 with 32-bit parameters behind.
     """
 
-    def __init__(self, module: nn.Module, precision: torch.dtype = torch.float32) -> None:
+    def __init__(self, module: nn.Module) -> None:
         parameters = list(module.parameters())
         self.vector = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
         self.vector.grad = torch.zeros_like(self.vector)
-        self._rounded = self.vector.data.to(precision)  # the vector itself in 32 bits
         sizes = [parameter.numel() for parameter in parameters]
-        vectors = (self.vector.data, self.vector.grad, self._rounded)
-        self._of_products: dict[int, Tensor] = {}
-        for parameter, value, gradient, rounded in zip(parameters, *(v.split(sizes) for v in vectors), strict=True):
+        vectors = (self.vector.data, self.vector.grad)
+        for parameter, value, gradient in zip(parameters, *(v.split(sizes) for v in vectors), strict=True):
             parameter.data = value.view_as(parameter)
             parameter.grad = gradient.view_as(parameter)
-            self._of_products[id(parameter)] = rounded.view_as(parameter)
 
-    def layers(self, module: nn.Module) -> list[Layer]:
-        """Linear layers of the module or of a part of it, in order."""
-        found = []
-        for child in module.modules():
-            if isinstance(child, nn.Linear):
-                assert child.weight.grad is not None
-                assert child.bias.grad is not None
-                weight, bias = self._of_products[id(child.weight)], self._of_products[id(child.bias)]
-                found.append(Layer(weight, bias, child.weight.grad, child.bias.grad))
-        return found
 
-    def refresh(self) -> None:
-        """Round the parameters anew for the products, after they have changed."""
-        if self._rounded.dtype != self.vector.dtype:
-            self._rounded.copy_(self.vector.data)
+def linear_layers(module: nn.Module) -> list[Layer]:
+    """Linear layers of a module whose parameters are views into a `FlatModule`, or of a part of it, in order."""
+    found = []
+    for child in module.modules():
+        if isinstance(child, nn.Linear):
+            assert child.weight.grad is not None
+            assert child.bias.grad is not None
+            weight, wide = child.weight.data, min(child.weight.shape) >= WIDE
+            found.append(Layer(weight, weight.t(), wide, child.bias.data, child.weight.grad, child.bias.grad))
+    return found
+
+
+class _Rounded:
+    """Products of 32-bit floats within multiply in bfloat16, where the processor can, and add up in 32 bits."""
+
+    def __enter__(self) -> None:
+        torch.set_float32_matmul_precision("medium")
+
+    def __exit__(self, *_: object) -> None:
+        torch.set_float32_matmul_precision("highest")
+
+
+_ROUNDED: Final = _Rounded()
+_EXACT: Final = nullcontext()
+
+
+def processor_rounds() -> bool:
+    """Whether this processor has products in bfloat16; where it has none, torch multiplies in 32 bits instead."""
+    nearly_one = torch.full((WIDE, WIDE), 1.0 + 2.0**-12)  # bfloat16 has eight bits: it becomes 1
+    with _ROUNDED:
+        return bool((nearly_one @ nearly_one == WIDE).all())
 
 
 ACTOR, FIRST, SECOND, GRADIENT = range(4)
@@ -73,58 +96,74 @@ ACTOR, FIRST, SECOND, GRADIENT = range(4)
 
 
 class Workspace:
-    """Buffers for passes through ReLU perceptrons: products are written where the cache still holds the memory."""
+    """Passes through ReLU perceptrons, and their buffers: products are written where the cache still holds the memory.
 
-    def __init__(self, precision: torch.dtype = torch.float32) -> None:
-        self.precision = precision
+    Args:
+        rounded: Whether products of wide layers round their factors to bfloat16.
+    """
+
+    def __init__(self, rounded: bool = False) -> None:
+        self._rounded = rounded
         self._buffers: dict[tuple[int, ...], Tensor] = {}
+
+    def _precision_of(self, layer: Layer) -> AbstractContextManager[None]:
+        return _ROUNDED if self._rounded and layer.wide else _EXACT
 
     def buffer(self, holder: int, index: int, rows: int, width: int) -> Tensor:
         """The buffer of a holder's layer, shape (rows, width), with whatever was written to it last."""
         key = (holder, index, rows, width)
         if key not in self._buffers:
-            self._buffers[key] = torch.empty(rows, width, dtype=self.precision)
+            self._buffers[key] = torch.empty(rows, width)
         return self._buffers[key]
 
     def forward(self, layers: list[Layer], x: Tensor, holder: int) -> list[Tensor]:
-        """Activations of a perceptron: input, hidden layers after ReLU, linear output in 32 bits.
+        """Activations of a perceptron: input, hidden layers after ReLU, linear output.
 
         The holder's next pass overwrites the hidden layers.
         """
-        activations = [x.to(self.precision)]
+        activations = [x]
         for index, layer in enumerate(layers[:-1]):
-            out = self.buffer(holder, index, len(x), len(layer.bias))
-            torch.addmm(layer.bias, activations[-1], layer.weight.t(), out=out)
-            activations.append(out.relu_())
-        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].weight.t()).float())
+            activations.append(self._hidden(layer, activations[-1], holder, index))
+        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].transposed))
         return activations
 
+    def _hidden(self, layer: Layer, x: Tensor, holder: int, index: int) -> Tensor:
+        """Output of a hidden layer after its ReLU."""
+        if self._rounded and layer.wide:
+            with _ROUNDED:
+                # Bias and ReLU in the product: what torch's own compiler emits.
+                output: Tensor = torch.ops.mkldnn._linear_pointwise.default(x, layer.weight, layer.bias, "relu", [], "")
+                return output
+        out = self.buffer(holder, index, len(x), len(layer.bias))
+        return torch.addmm(layer.bias, x, layer.transposed, out=out).relu_()
+
     def backward(
-        self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, weights: bool, inputs: bool
+        self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, weights: bool, inputs: int
     ) -> Tensor | None:
-        """Propagate the gradient of the output; write gradients of the weights, return that of the input, if wanted."""
-        gradient = gradient.to(self.precision)
+        """Propagate the gradient of the output; write gradients of the weights, if wanted.
+
+        Returns the gradient of so many of the last inputs, None for 0.
+        """
         for index in range(len(layers) - 1, -1, -1):
             layer, before = layers[index], activations[index]
             if weights:
-                write_gradient(layer, gradient, before)
+                self.write_gradient(layer, gradient, before)
             if index == 0:
-                return torch.mm(gradient, layer.weight).float() if inputs else None
+                return torch.mm(gradient, layer.weight[:, -inputs:]) if inputs else None
             out = self.buffer(GRADIENT, index % 2, len(before), layer.weight.shape[1])
-            gradient = through_relu(torch.mm(gradient, layer.weight, out=out), before)
+            with self._precision_of(layer):
+                torch.mm(gradient, layer.weight, out=out)
+            gradient = through_relu(out, before)
         return None
+
+    def write_gradient(self, layer: Layer, gradient: Tensor, before: Tensor) -> None:
+        """Gradients of a layer's weight and bias from that of its output and from its input."""
+        with self._precision_of(layer):
+            torch.mm(gradient.t(), before, out=layer.weight_gradient)
+        torch.sum(gradient, 0, out=layer.bias_gradient)
 
 
 def through_relu(gradient: Tensor, output: Tensor) -> Tensor:
     """The gradient, in place, where the output of the ReLU is positive; else 0."""
-    torch.ops.aten.threshold_backward.grad_input(gradient, output, 0.0, grad_input=gradient)
+    _RELU_BACKWARD(gradient, output, 0.0, grad_input=gradient)
     return gradient
-
-
-def write_gradient(layer: Layer, gradient: Tensor, before: Tensor) -> None:
-    """Gradients of a layer's weight and bias from that of its output and from its input."""
-    if gradient.dtype == torch.float32:
-        torch.mm(gradient.t(), before, out=layer.weight_gradient)
-    else:
-        layer.weight_gradient.copy_(torch.mm(gradient.t(), before))
-    torch.sum(gradient, 0, dtype=torch.float32, out=layer.bias_gradient)

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import torch
 
+from algorithms.perceptron import processor_rounds
 from algorithms.sac import ACTOR_LAYERS, CRITIC_LAYERS, GAMMA_PER_STEP, LEARNERS, SACSettings
 from algorithms.sb3_env import StableBaselinesEnv
 from bench.provenance import cpu_model, usable_cores
@@ -40,11 +41,6 @@ def _build(name: str, settings: SACSettings) -> Any:
 
 BATCHES: Final = (64, 256)
 """The default and stable-baselines3's own, at which others quote their speed."""
-
-
-def _supports_bf16() -> bool:
-    """Whether torch has bfloat16 products for this processor that are not emulated."""
-    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
 def _side_by_side(models: dict[str, Any], batch: int, repeats: int) -> dict[str, Any]:
@@ -81,7 +77,7 @@ def learner(repeats: int = 7) -> dict[str, Any]:
     """
     torch.set_num_threads(1)
     settings = SACSettings()
-    names = [name for name in LEARNERS if name != "bf16" or _supports_bf16()]
+    names = [name for name in LEARNERS if name != "bf16" or processor_rounds()]
     models = {name: _build(name, settings) for name in names}
     found = [_side_by_side(models, batch, repeats) for batch in BATCHES]
     return {
