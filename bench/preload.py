@@ -27,7 +27,7 @@ sys.meta_path.insert(0, _Orphan)
 with contextlib.suppress(Exception):
     from bench import runner, tracking  # noqa: F401
 with contextlib.suppress(Exception):
-    import algorithms.sac  # noqa: F401
+    import algorithms.sac_training  # noqa: F401
 sys.meta_path.remove(_Orphan)
 gc.freeze()  # nor do workers look through it, which would copy its memory
 gc.enable()
