@@ -64,6 +64,15 @@ print(len(collections) < 10, gc.isenabled(), gc.get_freeze_count() > 100_000, fl
     assert _printed(code).splitlines() == ["True True True"]
 
 
+def test_a_command_looks_for_no_garbage_at_its_end() -> None:
+    code = """
+import atexit, gc, bench.cli
+atexit.register(lambda: print(gc.get_freeze_count() > 0, flush=True))
+bench.cli.main()
+"""
+    assert _printed(code, "list", "--json").splitlines()[-1] == "True"
+
+
 def test_nothing_is_left_of_a_command_that_ends_early(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "bench", "run", "--algo", "sak", "--results", str(tmp_path)]
     with subprocess.Popen(
