@@ -14,44 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-import numpy as np
-from scipy import special
+from algorithms.dd_rq import AGENT_STEPS_MAX
+from algorithms.guard_demand import require_horizon
+from algorithms.method import Method, Policy, Task
+from algorithms.sac import SETTING_NAMES, SACSettings
+from algorithms.versions import STEERED_VERSION
 
-from algorithms.dd_rq import AGENT_STEPS_MAX, STEERED_VERSION, RiskGuard, RiskGuardedPolicy
-from algorithms.guard_demand import Demand, require_horizon
-from algorithms.guard_features import features_of
-from algorithms.method import Method, Observations, Policy, Task
-from algorithms.risk_model import RiskModel, RiskOutput
-from algorithms.risk_training import CONTACT, RiskSettings, risk_model
-from algorithms.sac import SETTING_NAMES, SACSettings, train_sac
-from envs.world import FloatArray
+if TYPE_CHECKING:
+    from algorithms.risk_guard import ShareGuard
+    from algorithms.risk_model import RiskModel
 
 SHARE_SOURCES: Final = ("risk", "mean", "shuffled")
-
-
-class ShareGuard(RiskGuard):
-    """Alg. 2 with fixed T_c that demands the share RQ of S_safe, refreshed at every decision.
-
-    Attributes:
-        risk: RQ of the last decision, the probability of contact within 3 s, shape (N,) [%].
-    """
-
-    def __init__(self, model: RiskModel, tc: float = 3.0, share: str = "risk") -> None:
-        """Steer by a model of contact, or by one of its controls: its constant mean, or RQ shuffled."""
-        super().__init__(model)
-        self.tc = require_horizon(tc)
-        self._share_source = share
-
-    def _answer(self, observations: Observations, output: RiskOutput) -> tuple[Demand, FloatArray]:
-        """T_c is fixed; the share of S_safe is the probability of contact, RQ."""
-        share = special.expit(output.value)
-        if self._share_source == "mean":
-            share = np.full(len(share), float(self.model.description["value_mean"]))
-        if self._share_source == "shuffled":
-            share = self._shuffled(observations)
-        return Demand(np.full(len(share), self.tc), share, output.importance), 100.0 * share
 
 
 class DDRQPlus(Method):
@@ -80,6 +55,8 @@ class DDRQPlus(Method):
 
     def shield(self, model: RiskModel) -> ShareGuard:
         """The guard of these parameters."""
+        from algorithms.risk_guard import ShareGuard
+
         return ShareGuard(model, self.parameters["tc"], self.parameters["share"])
 
     def check_settings(self, settings: Mapping[str, str]) -> None:
@@ -88,6 +65,11 @@ class DDRQPlus(Method):
 
     def train(self, task: Task) -> Policy:
         """Train or fetch driving agent and model of contact, then train behind the guard that they steer."""
+        from algorithms.guard_features import features_of
+        from algorithms.risk_guard import RiskGuardedPolicy
+        from algorithms.risk_training import CONTACT, RiskSettings, risk_model
+        from algorithms.sac_training import train_sac
+
         SACSettings.for_task(task)  # refused now rather than after the other two trainings
         steps = min(task.budget.steps, AGENT_STEPS_MAX)
         model = risk_model(task.scenario, steps, task.cache, RiskSettings.for_agent(steps, CONTACT), task.making)
@@ -98,5 +80,9 @@ class DDRQPlus(Method):
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The saved actor behind the saved model of contact."""
+        from algorithms.guard_features import features_of
+        from algorithms.risk_guard import RiskGuardedPolicy
+        from algorithms.risk_model import RiskModel
+
         shield = self.shield(RiskModel.load(folder, task.scenario.id))
         return RiskGuardedPolicy.load(folder, shield, features_of(shield, self.parameters["aware"]))

@@ -6,20 +6,19 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from algorithms.artefacts import cached, digest
 from algorithms.checkpoints import FileCheckpoints
 from algorithms.identity import learning_identity
 from algorithms.method import Budget, Progress, Task
 from algorithms.networks import NetworkPolicy
-from algorithms.sac import LEARNER_VERSION, SACSettings, train_sac
+from algorithms.sac import SACSettings
+from algorithms.sac_training import train_sac
+from algorithms.versions import AGENT_VERSION
 from envs.driving_env import ActionMode
 from envs.observation import LAYOUT_VERSION
 from envs.scenario import get_scenario
-
-VERSION: Final = LEARNER_VERSION - 1
-"""Of the trained agent: rises with the learner, and by one more with every other change that alters the agent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +38,13 @@ class DrivingAgentSpec:
 
     @property
     def key(self) -> str:
-        """Folder name in the cache; `VERSION` stands for what is written in code alone (discount, layers, reward).
+        """Folder name in the cache; `AGENT_VERSION` stands for what is in code alone (discount, layers, reward).
 
         ``risk.json`` of every run with a risk model holds it, under the record's seal: what renames an agent whose
         bits are the same breaks `bench rerun` of those records.
         """
         learner = asdict(SACSettings())
-        layout = {"layout": LAYOUT_VERSION, "version": VERSION}
+        layout = {"layout": LAYOUT_VERSION, "version": AGENT_VERSION}
         identity = {"id": get_scenario(self.scenario).id, **asdict(self), **learner, **layout}
         return f"driving-agent-{digest(identity)}"
 
@@ -89,7 +88,7 @@ def driving_agent(
         )
         policy = train_sac(task, action_mode=ActionMode.PLANNING, comfort=False)
         policy.save(folder)
-        description = {"spec": asdict(spec), "scenario": scenario.id, "version": VERSION, "curve": curve.points}
+        description = {"spec": asdict(spec), "scenario": scenario.id, "version": AGENT_VERSION, "curve": curve.points}
         (folder / "agent.json").write_text(json.dumps(description, indent=1, sort_keys=True) + "\n")
 
     built = cached(cache / spec.key, build, waiting)

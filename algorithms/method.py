@@ -7,18 +7,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from algorithms.artefacts import Making
 from algorithms.checkpoints import Checkpoints, NoCheckpoints
-from envs.driving_env import ActionMode, BudgetExceededError, CostSignal, DrivingVectorEnv
-from envs.episodes import no_episodes
-from envs.layout import EpisodeSource
 from envs.scenario import Scenario
-from envs.world import Records, Shield
+from envs.terms import ActionMode, BudgetExceededError, CostSignal
+from envs.world import Records, Shield, no_episodes
+
+if TYPE_CHECKING:  # the engine's compiler is imported with the first environment: a plan of runs needs none
+    from envs.driving_env import DrivingVectorEnv
+    from envs.layout import EpisodeSource
 
 __all__ = ["Budget", "BudgetExceededError", "Method", "Policy", "Shield", "Task", "seed_sequence"]
 
@@ -129,6 +131,8 @@ class Task:
             RuntimeError: A second call.
             ValueError: The budget is not a multiple of worlds x decision period.
         """
+        from envs.driving_env import DrivingVectorEnv
+
         if self._env is not None:
             raise RuntimeError("make_env was called twice: a task has one training environment.")
         decisions = self.budget.decisions(self.scenario)
@@ -153,6 +157,8 @@ class Task:
 
     def episodes(self) -> EpisodeSource:
         """Initial states of the training episodes."""
+        from envs.layout import EpisodeSource
+
         return EpisodeSource(self.scenario, self.stream("train"))
 
     def steps_done(self) -> int:

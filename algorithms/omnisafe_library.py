@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import numpy as np
-import torch
 
 from algorithms.registry import UnavailableMethodError
 
@@ -110,6 +109,8 @@ def process_state_kept() -> Iterator[None]:
     It seeds the generators of random, numpy and torch, asks torch for deterministic algorithms, switches cuDNN
     off, sets environment variables, prints, and leaves exit handlers behind.
     """
+    import torch  # not by whoever only asks whether OmniSafe is there
+
     generators = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
     deterministic = torch.get_deterministic_debug_mode()
     cudnn = torch.backends.cudnn.enabled, torch.backends.cudnn.benchmark, torch.backends.cudnn.deterministic

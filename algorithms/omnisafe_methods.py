@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from algorithms.method import Method, Policy, Task
-from algorithms.networks import Architecture, NetworkPolicy
-from algorithms.omnisafe_library import algorithm_defaults, require_omnisafe
-from algorithms.omnisafe_settings import (
-    ACTIVATION,
-    SETTING_NAMES,
-    configuration,
-    plan,
-    settings_of,
-)
-from algorithms.omnisafe_training import train_actor
-from algorithms.sac import ACTOR_LAYERS, GAMMA_PER_STEP, training_scalars
-from envs.driving_env import action_space
-from envs.observation import OBSERVATION_SIZE
-from envs.scenario import STEP_S, TIME_LIMIT_S, Scenario, UnknownNameError
+from algorithms.omnisafe_library import require_omnisafe
+from algorithms.omnisafe_settings import SETTING_NAMES, settings_of
+from envs.scenario import UnknownNameError
 
 ALGORITHMS: Final = (
     "CPO", "CPPOPID", "CUP", "FOCOPS", "IPO", "NaturalPG", "OnCRPO", "P3O", "PCPO", "PDO", "PPO", "PPOLag",
@@ -30,40 +18,6 @@ ALGORITHMS: Final = (
 """OmniSafe's on-policy algorithms but for Saute, Simmer and EarlyTerminated: those change observation or episode."""
 
 UNCONSTRAINED: Final = ("NaturalPG", "PPO", "PolicyGradient", "TRPO")
-
-
-def longest_episode(scenario: Scenario) -> int:
-    """Decisions until an episode ends at the latest."""
-    return math.ceil(TIME_LIMIT_S / (STEP_S * scenario.substeps) - 1e-9)
-
-
-def train(algorithm: str, task: Task) -> NetworkPolicy:
-    """Train within the task's budget and return the deterministic policy.
-
-    Raises:
-        UnavailableMethodError: OmniSafe cannot be imported.
-        ValueError: The budget is shorter than the longest episode, or a setting is malformed.
-    """
-    settings = settings_of(algorithm).with_changes(task.settings)
-    chosen = plan(task.budget.decisions(task.scenario), longest_episode(task.scenario), settings)
-    custom = configuration(
-        algorithm_defaults(algorithm),
-        settings,
-        chosen,
-        cost_limit=task.cost_limit,
-        gamma=GAMMA_PER_STEP**task.scenario.substeps,
-        seed=task.torch_seed(),
-    )
-    env = task.make_env(chosen.worlds)
-
-    def progress(scalars: Mapping[str, float]) -> None:
-        task.progress(env.steps_done, {**training_scalars(env), **scalars})
-
-    trained = train_actor(algorithm, env, custom, chosen.rest, progress, task.checkpoints)
-    architecture = Architecture(
-        (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
-    )
-    return NetworkPolicy(architecture, trained)
 
 
 class OnPolicyMethod(Method):
@@ -89,10 +43,14 @@ class OnPolicyMethod(Method):
 
     def train(self, task: Task) -> Policy:
         """Train on the environment's reward under its cost contract."""
+        from algorithms.omnisafe_training import train
+
         return train(self.algorithm, task)
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The saved actor."""
+        from algorithms.networks import NetworkPolicy
+
         return NetworkPolicy.load(folder)
 
 

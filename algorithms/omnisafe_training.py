@@ -1,7 +1,8 @@
-"""One training of an OmniSafe algorithm."""
+"""A training of an OmniSafe algorithm on our scenarios."""
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,13 +11,54 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from algorithms.checkpoints import Checkpoints
+from algorithms.method import Task
+from algorithms.networks import Architecture, NetworkPolicy
 from algorithms.omnisafe_checkpoint import capture, restore
 from algorithms.omnisafe_env import known_to_omnisafe
-from algorithms.omnisafe_library import close_logger, omnisafe_module, process_state_kept
+from algorithms.omnisafe_library import algorithm_defaults, close_logger, omnisafe_module, process_state_kept
+from algorithms.omnisafe_settings import ACTIVATION, configuration, plan, settings_of
 from algorithms.omnisafe_speed import fast_loops
-from envs.driving_env import DrivingVectorEnv
+from algorithms.sac import ACTOR_LAYERS, GAMMA_PER_STEP
+from algorithms.sac_training import training_scalars
+from envs.driving_env import DrivingVectorEnv, action_space
+from envs.observation import OBSERVATION_SIZE
+from envs.scenario import STEP_S, TIME_LIMIT_S, Scenario
 
 Progress = Callable[[Mapping[str, float]], None]
+
+
+def longest_episode(scenario: Scenario) -> int:
+    """Decisions until an episode ends at the latest."""
+    return math.ceil(TIME_LIMIT_S / (STEP_S * scenario.substeps) - 1e-9)
+
+
+def train(algorithm: str, task: Task) -> NetworkPolicy:
+    """Train within the task's budget and return the deterministic policy.
+
+    Raises:
+        UnavailableMethodError: OmniSafe cannot be imported.
+        ValueError: The budget is shorter than the longest episode, or a setting is malformed.
+    """
+    settings = settings_of(algorithm).with_changes(task.settings)
+    chosen = plan(task.budget.decisions(task.scenario), longest_episode(task.scenario), settings)
+    custom = configuration(
+        algorithm_defaults(algorithm),
+        settings,
+        chosen,
+        cost_limit=task.cost_limit,
+        gamma=GAMMA_PER_STEP**task.scenario.substeps,
+        seed=task.torch_seed(),
+    )
+    env = task.make_env(chosen.worlds)
+
+    def progress(scalars: Mapping[str, float]) -> None:
+        task.progress(env.steps_done, {**training_scalars(env), **scalars})
+
+    trained = train_actor(algorithm, env, custom, chosen.rest, progress, task.checkpoints)
+    architecture = Architecture(
+        (OBSERVATION_SIZE, *ACTOR_LAYERS, action_space(env.action_mode).shape[0]), ACTIVATION, squashed=False
+    )
+    return NetworkPolicy(architecture, trained)
 
 
 def train_actor(

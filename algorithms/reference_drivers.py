@@ -7,58 +7,67 @@ from typing import Any, ClassVar
 
 from algorithms.guard_demand import require_horizon
 from algorithms.method import Method, Policy, Task
-from algorithms.safety_guard import GUARD_VERSION, SafetyGuard
-from algorithms.scripted_policies import ConstantSpeedPolicy, CruisePolicy, IDMPolicy, RandomPolicy, ScriptedPolicy
+from algorithms.versions import GUARD_VERSION
 
 
 class ReferenceDriver(Method):
-    """A scripted driver as a row of the tables: no T stage."""
+    """A scripted driver as a row of the tables: no T stage.
+
+    Attributes:
+        driver: Name in `algorithms.scripted_policies.DRIVERS`.
+    """
 
     version = 1
     trains = False
     defaults: ClassVar[dict[str, Any]] = {}
-    policy: ClassVar[type[ScriptedPolicy]]
+    driver: ClassVar[str]
 
     def train(self, task: Task) -> Policy:
         """Nothing to learn."""
-        return self.policy()
+        from algorithms.scripted_policies import DRIVERS
+
+        return DRIVERS[self.driver]()
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The driver itself; the folder only names it."""
-        return self.policy()
+        return self.train(task)
 
 
 class ConstantSpeed(ReferenceDriver):
     """Keeps lane and speed."""
 
-    policy = ConstantSpeedPolicy
+    driver = "constant-speed"
 
 
 class Random(ReferenceDriver):
     """Uniformly random actions."""
 
-    policy = RandomPolicy
+    driver = "random"
 
 
 class IDM(ReferenceDriver):
     """highway-env's car-following model as the ego."""
 
-    policy = IDMPolicy
+    driver = "idm"
 
 
 class Cruise(ReferenceDriver):
     """The careful overtaker of the calibration."""
 
-    policy = CruisePolicy
+    driver = "cruise"
 
 
 class GuardedDriver(Method):
-    """A scripted driver behind the safety guard with a fixed T_c."""
+    """A scripted driver behind the safety guard with a fixed T_c.
+
+    Attributes:
+        driver: Name in `algorithms.scripted_policies.DRIVERS`.
+    """
 
     version = GUARD_VERSION
     trains = False
     defaults: ClassVar[dict[str, Any]] = {"tc": 3.0}
-    policy: ClassVar[type[ScriptedPolicy]]
+    driver: ClassVar[str]
 
     def __init__(self, **parameters: Any) -> None:
         """Check T_c at once."""
@@ -67,7 +76,10 @@ class GuardedDriver(Method):
 
     def train(self, task: Task) -> Policy:
         """Nothing to learn."""
-        return self.policy(SafetyGuard(self.parameters["tc"]))
+        from algorithms.safety_guard import SafetyGuard
+        from algorithms.scripted_policies import DRIVERS
+
+        return DRIVERS[self.driver](SafetyGuard(self.parameters["tc"]))
 
     def load_policy(self, folder: Path, task: Task) -> Policy:
         """The driver itself; the folder only names it."""
@@ -77,16 +89,16 @@ class GuardedDriver(Method):
 class RandomGuarded(GuardedDriver):
     """Uniformly random actions behind the guard: the guard's own worth."""
 
-    policy = RandomPolicy
+    driver = "random"
 
 
 class CruiseGuarded(GuardedDriver):
     """The careful overtaker behind the guard: the ceiling of what can be learnt there."""
 
-    policy = CruisePolicy
+    driver = "cruise"
 
 
 class ConstantSpeedGuarded(GuardedDriver):
     """Lane and speed kept, unless the guard objects."""
 
-    policy = ConstantSpeedPolicy
+    driver = "constant-speed"

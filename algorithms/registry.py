@@ -37,7 +37,7 @@ _BUILT_IN: Final[dict[str, str]] = {
     "cruise": "algorithms.reference_drivers:Cruise",
     "random": "algorithms.reference_drivers:Random",
     "idm": "algorithms.reference_drivers:IDM",
-    "rss-guard": "algorithms.rss_guard:RSSGuarded",
+    "rss-guard": "algorithms.rss_method:RSSGuarded",
 }
 PAPER_METHODS: Final = ("dd-rq", "safety-guard", "sac", "cpo", "focops", "trpo-lag")
 REFERENCE_DRIVERS: Final = (

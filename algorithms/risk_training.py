@@ -22,6 +22,7 @@ from algorithms.artefacts import Making, cached, digest
 from algorithms.driving_agent import DrivingAgentSpec, driving_agent
 from algorithms.method import Observations, Policy, seed_sequence
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
+from algorithms.versions import MODEL_VERSION
 from envs.driving_env import DrivingVectorEnv
 from envs.layout import EpisodeSource
 from envs.scenario import STEP_S, Scenario, get_scenario
@@ -32,8 +33,6 @@ PLANNING_TIME, CONTACT = "planning time", "contact"
 CONTACT_WITHIN_S by cross-entropy."""
 CONTACT_WITHIN_S: Final = 3.0
 CONTACT_WITHIN_STEPS: Final = round(CONTACT_WITHIN_S / STEP_S)
-VERSION: Final = 1
-"""Raised by every change that alters the trained model."""
 WORLDS: Final = 256
 HELD_OUT_WORLDS: Final = 26
 """Worlds whose samples are held out: a tenth, whole episodes, so that neighbours in time do not leak."""
@@ -256,7 +255,7 @@ def risk_model(
     """
     chosen, architecture = settings or RiskSettings.for_agent(agent_steps), RiskArchitecture()
     spec = DrivingAgentSpec(scenario.name, agent_steps)
-    identity = {"agent": spec.key, **asdict(chosen), **asdict(architecture), "version": VERSION}
+    identity = {"agent": spec.key, **asdict(chosen), **asdict(architecture), "version": MODEL_VERSION}
 
     def build(folder: Path) -> None:
         agent = driving_agent(

@@ -1,4 +1,4 @@
-"""A guard of Responsibility-Sensitive Safety: proper response to danger, over N worlds; SAC behind it.
+"""A guard of Responsibility-Sensitive Safety: proper response to danger, over N worlds.
 
 Source: Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374, Definitions 7 to 9. Deviations:
 
@@ -14,24 +14,18 @@ Source: Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374, Definition
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from algorithms.corridor import LATERAL_MARGIN_M, lateral_extent, overlaps, pedestrian_counts
-from algorithms.method import Method, Observations, Policy, Task
-from algorithms.networks import NetworkPolicy
+from algorithms.method import Observations
 from algorithms.rss import gap_needed_ahead, gap_needed_behind, gap_needed_beside
-from algorithms.sac import LEARNER_VERSION, SETTING_NAMES, SACSettings, train_sac
 from envs.compiled import njit, njit_inlined
 from envs.geometry import PEDESTRIAN_SIZE_M, VEHICLE_LENGTH_M, VEHICLE_WIDTH_M
 from envs.motion import ACCELERATION_MIN_MPS2, HORIZON_S
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
-RSS_VERSION: Final = 1
-"""Raised by every change that alters what the guard does; part of the version of the method behind it."""
 REST_HORIZON_S: Final = 1.5
 """Planning horizon of the lateral answer: the ego comes to rest sideways."""
 UNDERSHOOT: Final = 1.03
@@ -174,22 +168,3 @@ class RSSGuard:
         out, intervened = np.empty((3, len(world))), np.empty(len(world), np.bool_)
         rss_kernel(world.ego, world.vehicles, world.pedestrians, targets, accelerations, out, intervened)
         return out[0], out[1], intervened, out[2]
-
-
-class RSSGuarded(Method):
-    """SAC behind the RSS guard: what a published rule without learning makes of the same learner."""
-
-    version = RSS_VERSION + LEARNER_VERSION
-    setting_names = SETTING_NAMES
-
-    def check_settings(self, settings: Mapping[str, str]) -> None:
-        """Refuse what the learner cannot use."""
-        SACSettings.from_settings(settings)
-
-    def train(self, task: Task) -> Policy:
-        """Train with the guard between policy and world; r_risk is paid where it intervenes."""
-        return train_sac(task, RSSGuard())
-
-    def load_policy(self, folder: Path, task: Task) -> Policy:
-        """The saved actor behind the guard."""
-        return NetworkPolicy.load(folder, RSSGuard())

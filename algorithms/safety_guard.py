@@ -27,8 +27,6 @@ from envs.reward import SAFE_HEADWAY_S
 from envs.scenario import PEDESTRIAN_SLOTS, VEHICLE_SLOTS
 from envs.world import CROSSING, BoolArray, FloatArray, Records, World
 
-GUARD_VERSION: Final = 4
-"""Raised by every change that alters what the guard does; part of the version of every method behind it."""
 K2: Final = 0.92
 B2: Final = 0.02
 """Linear(IR) = k2 IR + b2 (paper, appendix)."""

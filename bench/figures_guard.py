@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from algorithms.atomic import write_file
 from algorithms.guard_options import GuardOptions
-from algorithms.safety_guard import GUARD_VERSION
+from algorithms.versions import GUARD_VERSION
 from bench import stress
 from bench.errors import UsageError
 from bench.statistics import exact_rate, format_rate

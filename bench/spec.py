@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict, field_serializer, field_validator, model_validator
 
-from envs.reward import CostSignal
 from envs.scenario import Scenario, UnknownNameError, get_scenario
+from envs.terms import CostSignal
 
 SPEC_VERSION: Final = 1
 """Part of the hash; raised when the meaning of a field changes."""

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from algorithms.dd_rq import RiskGuard
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Actions, Observations, seed_sequence
+from algorithms.risk_guard import RiskGuard
 from algorithms.risk_training import risk_model
 from algorithms.safety_guard import SafetyGuard
 from algorithms.scripted_policies import DRIVERS

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from algorithms.safety_guard import GUARD_VERSION
+from algorithms.versions import GUARD_VERSION
 from envs.scenario import STEP_S
 from envs.world import Ending, Fault, Records
 

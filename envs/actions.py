@@ -1,8 +1,7 @@
-"""What a policy's action is, and its bounds."""
+"""Bounds of a policy's action."""
 
 from __future__ import annotations
 
-import enum
 from typing import Final
 
 import numpy as np
@@ -10,19 +9,11 @@ from gymnasium import spaces
 
 from envs.motion import ACCELERATION_MAX_MPS2, ACCELERATION_MIN_MPS2
 from envs.scenario import EGO_SPEED_MAX_MPS, LANE_WIDTH_M
+from envs.terms import ActionMode
 
 HORIZON_MIN_S: Final = 0.5
 HORIZON_MAX_S: Final = 4.0
 """Range of T_c in the driving agent's action (paper, appendix) [s]."""
-
-
-class ActionMode(enum.Enum):
-    """What a policy's action is."""
-
-    ACCELERATION = "acceleration"
-    """[d_fn, a_x]: lateral offset from the nearest lane's centre [m], acceleration [m/s2]."""
-    PLANNING = "planning"
-    """[T_c, d_fn, s_dot_f]: planning time [s], lateral offset [m], target speed [m/s]: the driving agent's."""
 
 
 def action_space(mode: ActionMode) -> spaces.Box:

@@ -15,6 +15,8 @@ import numpy.typing as npt
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from envs.world import JIT_DISABLED
+
 A = TypeVar("A", bound=npt.NDArray[Any])
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -50,8 +52,7 @@ def _cache_directory() -> Path:
 
 
 _settings: Any = numba.core.config
-JIT_DISABLED: Final = bool(_settings.DISABLE_JIT)
-"""Whether kernels run as plain Python (NUMBA_DISABLE_JIT=1), for coverage and debugging."""
+_settings.DISABLE_JIT = int(JIT_DISABLED)  # the records of `envs.world` are made for one of the two
 
 if not os.environ.get("NUMBA_CACHE_DIR"):
     _settings.CACHE_DIR = str(_cache_directory())

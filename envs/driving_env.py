@@ -12,13 +12,13 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs import batch, engine
-from envs.actions import ActionMode, action_space
+from envs.actions import action_space
 from envs.episodes import EpisodeLog, EpisodeStream, masked_worlds, stream_seed
 from envs.layout import EpisodeSource
 from envs.observation import OBSERVATION_SIZE, observation_space
-from envs.reward import CostSignal
 from envs.scenario import PedestrianRule, Scenario, get_scenario
 from envs.shield_answer import check_answer
+from envs.terms import ActionMode, BudgetExceededError, CostSignal, MutatedObservationError
 from envs.world import EPISODE, BoolArray, FloatArray, Records, Shield, World, empty_world
 
 __all__ = [
@@ -26,14 +26,6 @@ __all__ = [
 ]  # fmt: skip
 
 SubstepHook = Callable[[World, FloatArray, FloatArray, npt.NDArray[np.bool_]], None]
-
-
-class BudgetExceededError(RuntimeError):
-    """More decisions were asked for than the environment was made for."""
-
-
-class MutatedObservationError(RuntimeError):
-    """Who got the observations wrote into them."""
 
 
 class DrivingVectorEnv(VectorEnv[npt.NDArray[np.float32], npt.NDArray[Any], npt.NDArray[Any]]):

@@ -24,13 +24,13 @@ from envs.reward import (
     LOW_TTC_S,
     RISK_REWARD,
     SAFE_HEADWAY_S,
-    CostSignal,
     comfort_reward,
     lane_deviation_reward,
     path_exposure,
     speed_reward,
 )
 from envs.scenario import GOAL_M, STEP_S, TIME_LIMIT_S
+from envs.terms import CostSignal
 from envs.world import CROSSING, BoolArray, Ending, Fault, FloatArray, Records
 
 STEPS_MAX: Final = round(TIME_LIMIT_S / STEP_S)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from envs import batch
 from envs.layout import CHUNK, EpisodeSource
 from envs.scenario import Scenario
-from envs.world import EPISODE, BoolArray, Ending, Records, World
+from envs.world import BoolArray, Ending, Records, World, no_episodes
 
 
 def stream_seed(seed: int | Sequence[int | None] | None, worlds: int) -> list[int] | None:
@@ -154,8 +154,3 @@ class EpisodeLog:
             if sum(map(len, batches)) >= count:
                 break
         return np.concatenate([no_episodes(), *batches])[-count:]
-
-
-def no_episodes() -> Records:
-    """An empty array of `EPISODE` records."""
-    return np.empty(0, EPISODE)

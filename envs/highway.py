@@ -18,8 +18,8 @@ from highway_env.vehicle.objects import RoadObject
 
 from envs.highway_road import LANE_CENTRES_M, ROAD_EDGE_M, CrossedRoad, EgoVehicle, Pedestrian, TrafficVehicle
 from envs.motion import HORIZON_S, steer
-from envs.reward import CostSignal
 from envs.scenario import GOAL_M, STEP_S, TIME_LIMIT_S, Scenario
+from envs.terms import CostSignal
 from envs.world import Ending, Fault, FloatArray, World
 
 

@@ -1,8 +1,7 @@
-"""Reward terms and cost signals, per simulation step of 0.1 s."""
+"""Reward terms and what cost signals see, per simulation step of 0.1 s."""
 
 from __future__ import annotations
 
-import enum
 import math
 from typing import Final
 
@@ -32,17 +31,6 @@ COMFORT_ACCELERATION_MPS2: Final = 4.0
 SAFE_HEADWAY_S: Final = 3.6
 """S_safe = 3.6 v (paper, Sec. IV-B)."""
 LOW_TTC_S: Final = 1.5
-
-
-class CostSignal(enum.IntEnum):
-    """What costs 1 in a step."""
-
-    COLLISION = 0
-    """A collision: the undiscounted episode cost is the collision rate."""
-    PROXIMITY = 1
-    """The bumper gap ahead is below S_safe, or a collision."""
-    TTC = 2
-    """Time to collision is below 1.5 s, or a collision."""
 
 
 @njit

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import enum
+import os
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
-
-from envs.compiled import JIT_DISABLED
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -18,6 +17,8 @@ Records = npt.NDArray[Any]
 # Frame: s along the road [m], d to the left of the middle lane's centre line [m]; lane i has its centre at
 # (i - 1) * 3.5 m. A record per body keeps a world's state in a few cache lines, and a kernel's call cheap.
 
+JIT_DISABLED: Final = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+"""Whether kernels run as plain Python, for coverage and debugging; known without numba, which takes 0.3 s to import."""
 # Compiled code reads fields as attributes; uncompiled (coverage, debugging) only numpy's record class can.
 _RECORD: Final = np.record if JIT_DISABLED else np.void
 
@@ -159,6 +160,11 @@ def empty_world(worlds: int, vehicles: int, pedestrians: int) -> World:
         np.zeros((worlds, pedestrians), PEDESTRIAN),
         np.zeros(worlds, EPISODE),
     )
+
+
+def no_episodes() -> Records:
+    """An empty array of `EPISODE` records."""
+    return np.empty(0, EPISODE)
 
 
 class Shield(Protocol):

@@ -35,10 +35,6 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Train and evaluate methods; what is done already is not done again."""
-    from bench.fork_server import warm_up
-
-    if not dry_run and executor == "local":
-        warm_up()  # before our own imports, which take as long
     from bench import run_command
     from bench.protocols import Request
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from algorithms.dd_rq import RiskGuard
+from algorithms.risk_guard import RiskGuard
 from algorithms.safety_guard import SafetyGuard
 from envs.world import BoolArray, Ending, FloatArray, Shield, World
 

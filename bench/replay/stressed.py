@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from algorithms.dd_rq import RiskGuard
 from algorithms.guard_options import GuardOptions
+from algorithms.risk_guard import RiskGuard
 from algorithms.risk_training import risk_model
 from algorithms.safety_guard import SafetyGuard
 from bench.errors import UsageError

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from algorithms.dd_rq import place_importance
 from algorithms.method import Policy
+from algorithms.risk_guard import place_importance
 from algorithms.risk_model import RiskModel
 from bench.errors import UsageError
 from bench.risk.rollouts import report_source, risk_of

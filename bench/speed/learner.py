@@ -10,6 +10,7 @@ import torch
 
 from algorithms.perceptron import processor_rounds
 from algorithms.sac import ACTOR_LAYERS, CRITIC_LAYERS, GAMMA_PER_STEP, LEARNERS, SACSettings
+from algorithms.sac_training import LEARNER_CLASSES
 from algorithms.sb3_env import StableBaselinesEnv
 from bench.provenance import cpu_model, usable_cores
 from envs.driving_env import DrivingVectorEnv
@@ -23,7 +24,7 @@ def _build(name: str, settings: SACSettings) -> Any:
     """A learner with a filled replay buffer, at the paper's sizes, past its first updates."""
     env = DrivingVectorEnv("a", settings.worlds)
     env.reset(seed=0)
-    learner = LEARNERS[name](
+    learner = LEARNER_CLASSES[name](
         "MlpPolicy",
         StableBaselinesEnv(env),
         buffer_size=10_000,

@@ -9,7 +9,7 @@ import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from bench.cli import app
+from bench.cli.commands import app
 
 PAGE: Final = "cli.md"
 _INTRODUCTION: Final = """# Commands

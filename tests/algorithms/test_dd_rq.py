@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from algorithms.artefacts import cached
-from algorithms.dd_rq import RiskGuard
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
+from algorithms.risk_guard import RiskGuard
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskModelFileError, RiskNetwork, RiskOutput
 from envs.driving_env import DrivingVectorEnv
 from envs.observation import decode

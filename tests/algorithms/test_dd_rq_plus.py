@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
-from algorithms.dd_rq_plus import ShareGuard
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
+from algorithms.risk_guard import ShareGuard
 from algorithms.risk_model import RiskOutput
 from algorithms.risk_training import CONTACT, PLANNING_TIME, RiskSettings, collect
 from algorithms.safety_guard import SafetyGuard

@@ -1,13 +1,14 @@
 """The driving agent: what it is trained for, and that its version reaches every key and version that rests on it."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from algorithms import driving_agent, risk_training, sac, safety_guard
+from algorithms import driving_agent, sac, sac_training, versions
 from algorithms.driving_agent import DrivingAgentSpec
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
@@ -17,60 +18,50 @@ ALGORITHMS = Path(sac.__file__).parent
 
 
 @pytest.fixture
-def fresh(monkeypatch):
-    """A module of `algorithms`, executed once more with what is patched by now, in place of the first for the test."""
+def raised(monkeypatch):
+    """Modules of `algorithms`, executed once more for the test with one version raised."""
 
-    def load(name):
-        spec = importlib.util.spec_from_file_location(f"algorithms.{name}", ALGORITHMS / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, f"algorithms.{name}", module)
-        spec.loader.exec_module(module)
-        return module
+    def load(constant, *names):
+        for name in ("versions", *names):
+            spec = importlib.util.spec_from_file_location(f"algorithms.{name}", ALGORITHMS / f"{name}.py")
+            module = importlib.util.module_from_spec(spec)
+            monkeypatch.setitem(sys.modules, f"algorithms.{name}", module)
+            source = Path(spec.origin).read_text("utf-8")
+            if name == "versions" and constant is not None:
+                source, found = re.subn(rf"^({constant}: Final = .+)$", r"\1 + 1", source, flags=re.MULTILINE)
+                assert found == 1
+            exec(compile(source, spec.origin, "exec"), module.__dict__)
+            yield module
 
     return load
 
 
-def test_a_raised_learner_names_another_agent_and_a_raised_agent_another_one(monkeypatch, fresh):
+def test_a_raised_learner_names_another_agent_and_a_raised_agent_another_one(raised):
     kept = DrivingAgentSpec("a", 4_000).key
-    assert fresh("driving_agent").DrivingAgentSpec("a", 4_000).key == kept
-    monkeypatch.setattr(sac, "LEARNER_VERSION", sac.LEARNER_VERSION + 1)
-    assert fresh("driving_agent").DrivingAgentSpec("a", 4_000).key != kept
-    monkeypatch.undo()
-    monkeypatch.setattr(driving_agent, "VERSION", driving_agent.VERSION + 1)
-    assert DrivingAgentSpec("a", 4_000).key != kept
+    for constant in (None, "LEARNER_VERSION", "AGENT_VERSION"):
+        _, again = raised(constant, "driving_agent")
+        assert (again.DrivingAgentSpec("a", 4_000).key == kept) is (constant is None)
 
 
-@pytest.mark.parametrize(
-    ("module", "constant"),
-    [
-        (safety_guard, "GUARD_VERSION"),
-        (sac, "LEARNER_VERSION"),
-        (driving_agent, "VERSION"),
-        (risk_training, "VERSION"),
-    ],
-)
-def test_what_raises_guard_learner_agent_or_model_raises_the_methods_behind_a_risk_model(
-    monkeypatch, fresh, module, constant
-):
+@pytest.mark.parametrize("constant", ["GUARD_VERSION", "LEARNER_VERSION", "AGENT_VERSION", "MODEL_VERSION"])
+def test_what_raises_guard_learner_agent_or_model_raises_the_methods_behind_a_risk_model(raised, constant):
     before = get_method("dd-rq").version, get_method("dd-rq-plus").version
-    monkeypatch.setattr(module, constant, getattr(module, constant) + 1)
-    if module is sac:
-        fresh("driving_agent")
-    after = fresh("dd_rq").DDRQ.version, fresh("dd_rq_plus").DDRQPlus.version
-    assert after == (before[0] + 1, before[1] + 1)
+    _, paper, plus = raised(constant, "dd_rq", "dd_rq_plus")
+    assert (paper.DDRQ.version, plus.DDRQPlus.version) == (before[0] + 1, before[1] + 1)
 
 
 def test_versions_and_the_constants_that_they_stand_for_go_together():
-    versions = {name: get_method(name).version for name in ("sac", "safety-guard", "dd-rq", "dd-rq-plus")}
     found = {
-        "learner": (sac.LEARNER_VERSION, sac.GAMMA_PER_STEP, sac.ACTOR_LAYERS, sac.CRITIC_LAYERS, sac.SACSettings()),
-        "agent": driving_agent.VERSION,
-        "model": risk_training.VERSION,
-        "methods": versions,
+        "constants": (sac.GAMMA_PER_STEP, sac.ACTOR_LAYERS, sac.CRITIC_LAYERS, sac.SACSettings()),
+        "learner": versions.LEARNER_VERSION,
+        "agent": versions.AGENT_VERSION,
+        "model": versions.MODEL_VERSION,
+        "methods": {name: get_method(name).version for name in ("sac", "safety-guard", "dd-rq", "dd-rq-plus")},
     }
     settings = sac.SACSettings(16, 4, 64, 1600, 3e-4, 5e-3, "fast")
     assert found == {
-        "learner": (2, 0.99, (256, 256, 256, 256), (256, 256, 256), settings),
+        "constants": (0.99, (256, 256, 256, 256), (256, 256, 256), settings),
+        "learner": 2,
         "agent": 1,
         "model": 1,
         "methods": {"sac": 2, "safety-guard": 6, "dd-rq": 6, "dd-rq-plus": 7},
@@ -94,7 +85,7 @@ def test_it_plans_and_is_paid_for_driving_without_comfort(tmp_path, monkeypatch)
         seen.append(env.env)
         raise Stopped
 
-    monkeypatch.setitem(sac.LEARNERS, "fast", learner)
+    monkeypatch.setitem(sac_training.LEARNER_CLASSES, "fast", learner)
     with pytest.raises(Stopped):
         driving_agent.driving_agent(DrivingAgentSpec("a", 4_000), tmp_path)
     (env,) = seen

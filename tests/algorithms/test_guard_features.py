@@ -7,12 +7,12 @@ import pytest
 from scipy.special import logit
 
 from algorithms.corridor import reach
-from algorithms.dd_rq_plus import ShareGuard
 from algorithms.guard_features import FEATURES, GuardFeatures, observed_world, scaled
 from algorithms.guard_options import GuardOptions
 from algorithms.method import Budget, Task
 from algorithms.networks import PolicyFileError
 from algorithms.registry import get_method
+from algorithms.risk_guard import ShareGuard
 from algorithms.risk_model import RiskOutput
 from algorithms.safety_guard import SafetyGuard
 from algorithms.sb3_env import StableBaselinesEnv

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from algorithms.method import Budget, Task, seed_sequence
 from algorithms.omnisafe_library import algorithm_defaults
-from algorithms.omnisafe_methods import ALGORITHMS, longest_episode
+from algorithms.omnisafe_methods import ALGORITHMS
 from algorithms.omnisafe_settings import OmniSafeSettings, Schedule, configuration, plan, settings_of
+from algorithms.omnisafe_training import longest_episode
 from algorithms.registry import get_method
 from bench import runner
 from bench.protocols import PROTOCOLS, Request, expand
@@ -187,8 +188,8 @@ def test_a_run_trains_and_is_judged_under_the_cost_contract_it_was_given(
         given.update(limit=chosen[section]["cost_limit"], cost=np.sum(costs), largest=np.max(costs))
         return torch.nn.Sequential(torch.nn.Linear(OBSERVATION_SIZE, 2))
 
-    monkeypatch.setattr("algorithms.omnisafe_methods.train_actor", full_throttle)
-    monkeypatch.setattr("algorithms.omnisafe_methods.ACTOR_LAYERS", ())
+    monkeypatch.setattr("algorithms.omnisafe_training.train_actor", full_throttle)
+    monkeypatch.setattr("algorithms.omnisafe_training.ACTOR_LAYERS", ())
     settings = ["cost.limit=0.01", f"cost.signal={signal}"]
     [spec] = expand(Request(method, "a", "smoke", settings=settings, eval_episodes=20)).specs
     record = runner.run(spec, tmp_path)

@@ -2,10 +2,11 @@
 
 import pytest
 
-from algorithms import sac
+from algorithms import sac_training
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
-from algorithms.sac import GAMMA_PER_STEP, SACSettings, train_sac
+from algorithms.sac import GAMMA_PER_STEP, SACSettings
+from algorithms.sac_training import train_sac
 from envs.scenario import get_scenario
 
 
@@ -33,8 +34,7 @@ def test_where_no_roll_out_is_longer_than_one_decision_any_budget_of_the_worlds_
 
 @pytest.mark.parametrize("method", ["dd-rq", "dd-rq-plus"])
 def test_it_is_refused_before_driving_agent_and_risk_model_are_trained(method, monkeypatch):
-    for module in ("dd_rq", "dd_rq_plus"):
-        monkeypatch.setattr(f"algorithms.{module}.risk_model", lambda *_, **__: pytest.fail("trained"))
+    monkeypatch.setattr("algorithms.risk_training.risk_model", lambda *_, **__: pytest.fail("trained"))
     with pytest.raises(ValueError, match="decisions_per_update = 32"):
         get_method(method).train(task_of(4_000 + 80, decisions_per_update=32))
 
@@ -51,7 +51,7 @@ def test_the_discount_of_a_decision_is_that_of_its_steps(scenario, steps, monkey
         made.update(arguments)
         raise Stopped
 
-    monkeypatch.setitem(sac.LEARNERS, "fast", learner)
+    monkeypatch.setitem(sac_training.LEARNER_CLASSES, "fast", learner)
     with pytest.raises(Stopped):
         train_sac(task_of(4_000, scenario))
     assert GAMMA_PER_STEP == 0.99

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from bench import schema, store
-from bench.cli import app
+from bench.cli.commands import app
 from bench.spec import RunSpec
 from bench.store import Store
 from envs.world import EPISODE, Ending, Fault

@@ -4,19 +4,18 @@ from pathlib import Path
 
 import torch
 
-from algorithms.dd_rq import RiskGuard, RiskGuardedPolicy
 from algorithms.method import Budget, Policy, Task
 from algorithms.networks import Architecture, NetworkPolicy
 from algorithms.registry import get_method
+from algorithms.risk_guard import RiskGuard, RiskGuardedPolicy
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from algorithms.safety_guard import SafetyGuard
 from bench import schema, store
 from bench.evaluate import evaluate
 from bench.spec import RunSpec
 from bench.store import Store
-from envs.episodes import no_episodes
 from envs.scenario import get_scenario
-from envs.world import Records
+from envs.world import Records, no_episodes
 
 ARCHITECTURE = Architecture((47, 32, 2), "relu", squashed=True)
 

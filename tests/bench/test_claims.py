@@ -13,7 +13,7 @@ from bench.claims import Claim, Part, Verdict
 from bench.claims.comparing import compared
 from bench.claims.evidence import Evidence, return_after
 from bench.claims.rules import least_told_from_zero
-from bench.cli import app
+from bench.cli.commands import app
 from bench.records import collect, read_record
 from bench.statistics import Estimate, Interval, episodes_for_zero_claim
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from algorithms.registry import list_methods
 from bench import contract
-from bench.cli import app
+from bench.cli.commands import app
 from bench.contract import checks
 from bench.errors import UsageError
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from bench.cli import app
+from bench.cli.commands import app
 from bench.new_method import new_method
 
 ROOT = Path(__file__).resolve().parents[2]

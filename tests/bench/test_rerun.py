@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bench import rerun, store
-from bench.cli import app
+from bench.cli.commands import app
 from bench.errors import UsageError
 from bench.records import find_record, read_record
 from bench.runner import run

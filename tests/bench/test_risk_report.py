@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from algorithms.method import Policy
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
-from bench.cli import app
+from bench.cli.commands import app
 from bench.risk import episodes, figures, measures, report
 from bench.risk.rollouts import Rollouts, inverse_time_to_collision, risk_of, roll_out
 from envs.driving_env import ActionMode

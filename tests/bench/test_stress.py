@@ -8,11 +8,11 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from algorithms.dd_rq import RiskGuard
 from algorithms.guard_options import GuardOptions
+from algorithms.risk_guard import RiskGuard
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from bench import figures_guard
-from bench.cli import app
+from bench.cli.commands import app
 from bench.errors import UsageError
 from bench.replay.stressed import parse_name, replay_named
 from bench.stress import parse_options, replay_stress, stress_guard

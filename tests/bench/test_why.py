@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bench import leaderboard, tables, why
-from bench.cli import app
+from bench.cli.commands import app
 from bench.errors import UsageError
 from bench.records import collect
 from bench.why.queries import of_leaderboard

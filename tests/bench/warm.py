@@ -4,9 +4,9 @@ import contextlib
 
 import numpy as np
 
-from algorithms.dd_rq import RiskGuard
 from algorithms.omnisafe_library import omnisafe_module
 from algorithms.registry import UnavailableMethodError
+from algorithms.risk_guard import RiskGuard
 from algorithms.risk_model import RiskArchitecture, RiskModel, RiskNetwork
 from envs.driving_env import DrivingVectorEnv
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import typer.main
 
-from bench.cli import app
+from bench.cli.commands import app
 from tests.docs.code_blocks import Block, blocks, cheaper, clone, commands, pages
 
 PER_BLOCK_S = 900

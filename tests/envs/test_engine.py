@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from envs import engine
 from envs.engine import STEPS_MAX
 from envs.layout import sample_initial_worlds
-from envs.reward import CostSignal, comfort_reward, lane_deviation_reward, speed_reward
+from envs.reward import comfort_reward, lane_deviation_reward, speed_reward
 from envs.scenario import get_scenario
+from envs.terms import CostSignal
 from envs.world import CROSSING, Ending, Fault, World
 from tests.envs.small_worlds import advance, one_world
 

@@ -13,8 +13,8 @@ from envs import highway, highway_road
 from envs.highway import HighwayOracle
 from envs.highway_road import CrossedRoad, EgoVehicle, Pedestrian, TrafficVehicle
 from envs.layout import EpisodeSource
-from envs.reward import CostSignal
 from envs.scenario import get_scenario
+from envs.terms import CostSignal
 from envs.trace import EpisodeTrace, record_episode
 from envs.world import Ending, World
 
