@@ -18,13 +18,15 @@ from bench.runner import run
 from bench.spec import RunSpec
 
 ENGINE, GUARD, RISK_MODEL, POLICY, UPDATE, STORE = "engine", "guard", "risk_model", "policy", "update", "store"
-REPLAY, RISK_TRAINING, OTHER = "replay", "risk_training", "other"
-PARTS: Final = (ENGINE, GUARD, RISK_MODEL, POLICY, UPDATE, REPLAY, RISK_TRAINING, STORE, OTHER)
+REPLAY, OTHER = "replay", "other"
+PARTS: Final = (ENGINE, GUARD, RISK_MODEL, POLICY, UPDATE, REPLAY, STORE, OTHER)
+SHARED: Final = "shared"
+"""Training of what all seeds share, driving agent and risk model: no part of a run, whichever seed comes first."""
 
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Processor time spent in named parts, without what the parts called inside spent.
+    """Processor time spent in named parts, without what the parts called inside spent, unless inside `SHARED`.
 
     Attributes:
         seconds: Exclusive processor time by part [s].
@@ -48,6 +50,8 @@ class Stopwatch:
 
         @functools.wraps(original)
         def wrapper(*arguments: Any, **named: Any) -> Any:
+            if SHARED in self._running:
+                return original(*arguments, **named)
             self.switch()
             self._running.append(part)
             try:
@@ -60,9 +64,9 @@ class Stopwatch:
             yield
 
     def shares(self) -> dict[str, float]:
-        """Share of each part that took any time; they sum to 1."""
+        """Share of each part of a run that took any time; they sum to 1."""
         self.switch()
-        total = sum(self.seconds.values())
+        total = sum(self.seconds.values()) - self.seconds.get(SHARED, 0.0)
         return {part: self.seconds[part] / total for part in PARTS if part in self.seconds}
 
 
@@ -86,7 +90,7 @@ def _places(spec: RunSpec) -> list[tuple[Any, str, str]]:
         (FastSAC, "predict", POLICY),
         (FastSAC, "train", UPDATE),
         (StableBaselinesSAC, "_store_transition", REPLAY),
-        (risk_training, "fit", RISK_TRAINING),
+        (risk_training, "risk_model", SHARED),
         *((RunFolder, name, STORE) for name in ("write", "write_run", "write_policy", "finish")),
     ]
     return places + _omnisafe_places(spec)
@@ -109,8 +113,8 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
     """Shares and speed of one run, from an empty cache.
 
     Returns:
-        ``share`` by part, ``steps_per_s`` of training (simulation steps of 0.1 s; a driving agent counts in the
-        time), ``evaluate_s`` for ``eval_episodes``.
+        ``share`` by part and ``steps_per_s`` of training (simulation steps of 0.1 s), both without the ``shared_s``
+        that training what all seeds share took; ``evaluate_s`` for ``eval_episodes``; ``seconds`` in all.
     """
     watch = Stopwatch()
     with ExitStack() as stack:
@@ -118,9 +122,11 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
             stack.enter_context(watch.timed(owner, name, part))
         record = run(spec, results)
     timing = record.details["timing"]
+    share, shared_s = watch.shares(), watch.seconds.get(SHARED, 0.0)
     return {
-        "share": watch.shares(),
-        "steps_per_s": spec.steps / timing["train"]["cpu_s"] if spec.steps else None,
+        "share": share,
+        "shared_s": shared_s,
+        "steps_per_s": spec.steps / (timing["train"]["cpu_s"] - shared_s) if spec.steps else None,
         "evaluate_s": timing["evaluate"]["cpu_s"],
         "eval_episodes": spec.eval_episodes,
         "seconds": sum(watch.seconds.values()),
@@ -146,12 +152,13 @@ def as_text(measured: dict[str, dict[str, Any]]) -> str:
     """The figures for people."""
     from bench.text import columns
 
-    heading = ("method", "steps/s", *PARTS)
+    heading = ("method", "steps/s", *PARTS, "shared by seeds")
     rows = [
         (
             method,
             "" if found["steps_per_s"] is None else f"{found['steps_per_s']:,.0f}",
             *(f"{100.0 * found['share'][part]:.1f} %" if part in found["share"] else "" for part in PARTS),
+            f"{found['shared_s']:,.0f} s" if found["shared_s"] else "",
         )
         for method, found in measured.items()
     ]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from bench.protocols import Request
-from bench.speed.protocol import ENGINE, GUARD, OTHER, POLICY, Stopwatch, protocol
+from bench.speed.protocol import ENGINE, GUARD, OTHER, POLICY, SHARED, Stopwatch, protocol
 
 
 @pytest.fixture
@@ -41,6 +41,26 @@ def test_a_part_does_not_count_what_the_parts_inside_it_spend(clock):
     assert watch.shares() == {ENGINE: 0.3, GUARD: 0.4, OTHER: 0.3}
 
 
+def test_what_all_seeds_share_is_no_part_of_a_run_whatever_is_called_inside_it(clock):
+    class Engine:
+        def step(self):
+            clock(2.0)
+
+    class Model:
+        def train(self):
+            clock(10.0)
+            engine.step()
+
+    engine = Engine()
+    watch = Stopwatch(_since=0.0)
+    with watch.timed(Engine, "step", ENGINE), watch.timed(Model, "train", SHARED):
+        Model().train()
+        engine.step()
+        clock(6.0)
+    assert watch.shares() == {ENGINE: 0.25, OTHER: 0.75}
+    assert watch.seconds[SHARED] == 12.0
+
+
 def test_what_was_timed_is_given_back_also_after_an_error(clock):
     class Engine:
         def step(self):
@@ -61,4 +81,5 @@ def test_a_guarded_driver_spends_its_time_in_engine_and_guard():
     assert min(found["share"][ENGINE], found["share"][GUARD]) > 0.0
     assert POLICY not in found["share"], "a scripted driver has no network"
     assert found["steps_per_s"] is None
+    assert found["shared_s"] == 0.0
     assert found["eval_episodes"] == 64
