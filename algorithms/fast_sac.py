@@ -93,6 +93,21 @@ def adam_step(optimizer: torch.optim.Optimizer) -> None:
     )  # fmt: skip
 
 
+@contextmanager
+def denormals_are_zero() -> Iterator[None]:
+    """Count numbers below 1.2e-38 as 0 within, on this thread; weights stay the same, bit for bit.
+
+    A third of the weights soon have gradients of exactly 0, behind ReLUs that never open. Adam's first moment of such a
+    weight shrinks to the smallest denormal number and stays there, as 0.9 times that rounds to itself; it no longer
+    moves the weight, but processors take over a hundred cycles for each such product: two fifths of all time.
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
+
 class FastSAC(StableBaselinesSAC):
     """The stock learner's interface and update, faster.
 
@@ -126,7 +141,7 @@ class FastSAC(StableBaselinesSAC):
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)
-        with torch.no_grad():
+        with torch.no_grad(), denormals_are_zero():
             for _ in range(gradient_steps):
                 sums += self._update(batch_size)
         self._n_updates += gradient_steps

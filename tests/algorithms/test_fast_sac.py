@@ -68,6 +68,21 @@ def test_gradients_of_one_update_equal_autograds():
         assert float((ours.grad - theirs.grad).norm()) <= 1e-5 * float(theirs.grad.norm())
 
 
+def test_moments_too_small_to_move_a_weight_count_as_zero_in_an_update_and_only_there():
+    tiny = 1e-40
+    weights = []
+    for moment in (0.0, tiny):
+        model = trained(FastSAC, 4)
+        (state,) = model.critic.optimizer.state.values()
+        state["exp_avg"].fill_(moment)
+        with reproducible(9):
+            model.train(1, 64)
+        assert not ((state["exp_avg"] != 0.0) & (state["exp_avg"].abs() < torch.finfo(torch.float32).tiny)).any()
+        weights.append(torch.cat([p.detach().reshape(-1) for p in model.policy.parameters()]))
+    assert torch.equal(*weights)
+    assert float(torch.full((1,), tiny) * 1.0) != 0.0
+
+
 needs_bfloat16 = pytest.mark.skipif(not processor_rounds(), reason="this processor has no products in bfloat16")
 
 
