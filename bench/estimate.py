@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from bench.provenance import cpu_model
+from algorithms.identity import source_digest
+from bench.provenance import CODE, cpu_model
 from bench.records import Record
 from bench.spec import RunSpec
 
@@ -20,8 +21,11 @@ RISK_METHODS: Final = ("dd-rq", "dd-rq-plus")
 """They train a driving agent for the run's own budget and fit a risk model, once for each scenario."""
 RISK_MODEL_S: Final = 250.0
 """Data and fit of a risk model on one core [s]."""
-START_S: Final = 4.0
+START_S: Final = 2.5
 """Imports of a worker [s]."""
+
+ORIGINS: Final = ("", ", by another version of the code", ", on another kind of processor")
+"""Records that tell most come first: of this processor and these sources, of this processor, any."""
 
 Key = tuple[str, ...]
 
@@ -83,36 +87,47 @@ def _setup_share(timeline: Sequence[Sequence[Any]], wall_s: float) -> float:
     return float(min(max(before / wall_s, 0.0), 1.0))
 
 
-def _looked_up(table: dict[Key, list[float]], spec: RunSpec) -> list[float] | None:
-    return next((table[key] for key in _keys(spec) if key in table), None)
+def _by_origin(records: Sequence[Record]) -> list[_Rates]:
+    """Rates for each of `ORIGINS`."""
+    cpu, sources = cpu_model(), source_digest(CODE)
+    found = [_Rates() for _ in ORIGINS]
+    for record in records:
+        made_by = record.details.get("provenance", {})
+        own = made_by.get("cpu") == cpu
+        for rates, counts in zip(found, (own and made_by.get("source_sha256") == sources, own, True), strict=True):
+            if counts:
+                rates.add(record)
+    return found
+
+
+def _looked_up(tables: Iterable[dict[Key, list[float]]], spec: RunSpec) -> tuple[list[float], int]:
+    """What the first table that knows the method says, and which table that is; nothing if none does."""
+    return next(((table[key], at) for at, table in enumerate(tables) for key in _keys(spec) if key in table), ([], 0))
 
 
 def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) -> Estimate:
     """Time that runs will take on so many workers, in their order.
 
-    Records of this processor decide; where there are none, those of any. The setup of a method is counted once for
-    each scenario and budget that has no record yet.
+    Records of this processor and these sources decide; where there are none, those of this processor, or any. The
+    setup of a method is counted once for each scenario and budget that has no record yet.
     """
     records = list(records)
-    own = [record for record in records if record.details.get("provenance", {}).get("cpu") == cpu_model()]
-    rates = _Rates()
-    for record in own or records:
-        rates.add(record)
+    rates = _by_origin(records)
     made = {(*_keys(record.spec)[0], record.spec.steps) for record in records}
-    measured, seconds = 0, []
+    measured, origin, seconds = 0, 0, []
     for spec in specs:
-        train, evaluate = _looked_up(rates.train, spec), _looked_up(rates.evaluate, spec)
-        measured += evaluate is not None and (train is not None or not spec.steps)
+        train, train_origin = _looked_up((of.train for of in rates), spec)
+        evaluate, evaluate_origin = _looked_up((of.evaluate for of in rates), spec)
+        measured += bool(evaluate) and (bool(train) or not spec.steps)
+        origin = max(origin, evaluate_origin, train_origin)
         needed = spec.steps / (statistics.median(train) if train else DEFAULT_TRAIN_RATE)
         needed += spec.eval_episodes / (statistics.median(evaluate) if evaluate else DEFAULT_EVAL_RATE)
         product = (*_keys(spec)[0], spec.steps)
         if product not in made:
             made.add(product)
-            needed += max(_looked_up(rates.setup, spec) or [_default_setup(spec)])
+            needed += max(_looked_up((of.setup for of in rates), spec)[0] or [_default_setup(spec)])
         seconds.append(needed)
-    basis = f"{measured} of {len(specs)} runs at rates measured in this results folder"
-    if own != records:
-        basis += " on this kind of processor" if own else " on another kind of processor"
+    basis = f"{measured} of {len(specs)} runs at rates measured in this results folder{ORIGINS[origin]}"
     if measured < len(specs):
         basis += (
             f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s "

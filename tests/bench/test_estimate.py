@@ -4,17 +4,19 @@ from types import SimpleNamespace
 
 import pytest
 
+from algorithms.identity import source_digest
 from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, RISK_MODEL_S, START_S, estimate
-from bench.provenance import cpu_model
+from bench.provenance import CODE, cpu_model
 
 
 def spec(method="sac", scenario="a", steps=1_000, episodes=100):
     return SimpleNamespace(method=method, scenario=scenario, steps=steps, eval_episodes=episodes)
 
 
-def record(of, train_s, evaluate_s, timeline=(), cpu=None):
+def record(of, train_s, evaluate_s, timeline=(), cpu=None, sources=None):
     timing = {"train": {"cpu_s": train_s, "wall_s": 2 * train_s}, "evaluate": {"cpu_s": evaluate_s}}
-    details = {"timing": timing, "timeline": list(timeline), "provenance": {"cpu": cpu or cpu_model()}}
+    made_by = {"cpu": cpu or cpu_model(), "source_sha256": sources or source_digest(CODE)}
+    details = {"timing": timing, "timeline": list(timeline), "provenance": made_by}
     return SimpleNamespace(spec=of, details=details)
 
 
@@ -38,7 +40,22 @@ def test_records_of_another_scenario_serve_until_there_are_some_of_this_one():
 
 def test_records_of_this_processor_come_first():
     records = [record(spec(), 10.0, 1.0), record(spec(), 90.0, 9.0, cpu="another one")]
-    assert estimate([spec()], records, 1).seconds == pytest.approx((11.0,))
+    found = estimate([spec()], records, 1)
+    assert found.seconds == pytest.approx((11.0,))
+    assert found.basis == "1 of 1 runs at rates measured in this results folder"
+    found = estimate([spec()], records[1:], 1)
+    assert found.seconds == pytest.approx((99.0,))
+    assert "on another kind of processor" in found.basis
+
+
+def test_records_of_these_sources_come_first_and_others_serve_until_there_are_some():
+    old = record(spec(), 30.0, 3.0, sources="before")
+    found = estimate([spec()], [old, record(spec(), 10.0, 1.0)], 1)
+    assert found.seconds == pytest.approx((11.0,))
+    assert "another version" not in found.basis
+    found = estimate([spec(), spec("cpo")], [old, record(spec("cpo"), 10.0, 1.0)], 1)
+    assert found.seconds == pytest.approx((33.0, 11.0))
+    assert "by another version of the code" in found.basis
 
 
 def test_setup_is_counted_once_for_a_scenario_and_budget_without_a_record():
