@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from bench import rerun, store
 from bench.cli.commands import app
-from bench.errors import UsageError
+from bench.errors import RecordError, UsageError
 from bench.records import find_record, read_record
 from bench.runner import run
 from bench.spec import RunSpec
@@ -38,6 +38,21 @@ def test_what_differs_is_named_by_file_and_column(fakes: Path, tmp_path: Path, m
     assert policy_line == "policy/action.json: other bytes"
     assert any("scalars.parquet: 10 rows, then 5" in line for line in rerun.differences(one, other))
     assert not rerun.as_values([eval_line])["identical"]
+
+
+def test_a_policy_that_is_not_published_is_compared_by_its_seal(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    one = run(make_spec(), tmp_path / "1")
+    same, other = run(make_spec(), tmp_path / "2"), run(make_spec(settings={"pace": "3"}), tmp_path / "3")
+    (one.path / "policy" / "action.json").unlink()
+    assert list(rerun.differences(one, same)) == []
+    assert "policy/action.json: other bytes" in list(rerun.differences(one, other))
+
+
+def test_a_record_that_is_not_what_was_sealed_is_refused(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    one, same = run(make_spec(), tmp_path / "1"), run(make_spec(), tmp_path / "2")
+    (one.path / "policy" / "action.json").write_text("{}")
+    with pytest.raises(RecordError, match=r"action\.json is not what was sealed"):
+        list(rerun.differences(one, same))
 
 
 def test_other_sources_and_packages_are_named(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
