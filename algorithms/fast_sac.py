@@ -99,7 +99,8 @@ def denormals_are_zero() -> Iterator[None]:
 
     A third of the weights soon have gradients of exactly 0, behind ReLUs that never open. Adam's first moment of such a
     weight shrinks to the smallest denormal number and stays there, as 0.9 times that rounds to itself; it no longer
-    moves the weight, but processors take over a hundred cycles for each such product: two fifths of all time (docs/performance.md).
+    moves the weight, but processors take over a hundred cycles for each such product: two fifths of all time
+    (docs/performance.md).
     """
     torch.set_flush_denormal(True)
     try:
