@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 
 from bench.worker import ONE_THREAD
 
@@ -19,6 +19,7 @@ def warm_up() -> None:
     It ends with the process that started it, at the latest when its imports are done; nobody waits for it.
     """
     multiprocessing.get_context("forkserver").set_forkserver_preload(["bench.preload"])
+    resource_tracker.ensure_running()  # where the fork server starts it, it lets interrupts through again
     with one_thread(), deaf_to_interrupts():
         forkserver.ensure_running()
 
@@ -43,12 +44,12 @@ def one_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
-    """Ctrl-C reaches the whole process group: children started inside ignore it, the parent decides."""
+    """Ctrl-C reaches the whole process group: children started inside never hear it, the parent does on leaving."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # held back; ignored, it would be lost
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -18,6 +18,7 @@ from bench import sweep
 from bench.display import Lines, LiveTable, Silent, cells
 from bench.errors import LockedError
 from bench.executors import LocalExecutor, death
+from bench.fork_server import deaf_to_interrupts
 from bench.lock import LOCK_NAME
 from bench.progress import Board, Phase, RunStatus, duration
 from bench.spec import RunSpec
@@ -105,6 +106,37 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps
     assert "Traceback" not in err
     assert Store(results).state(endless) is State.UNFINISHED
     assert not list(results.rglob(LOCK_NAME))
+
+
+@pytest.mark.parametrize("delay_s", [0.5, 1.5, 2.5])  # seconds: while it parses, plans, starts workers
+def test_ctrl_c_while_workers_are_being_started_is_not_lost(tmp_path: Path, delay_s: float) -> None:
+    process = _bench(tmp_path, "--algo", "sac", "--scenario", "a", "--protocol", "quick", "--quiet")
+    try:
+        time.sleep(delay_s)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in err
+
+
+def _interrupt_both(command: list[str]) -> None:
+    with deaf_to_interrupts():
+        child = subprocess.Popen(command)
+        child.send_signal(signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert child.wait(timeout=30) == 0
+
+
+def test_children_started_deaf_do_not_hear_ctrl_c_and_the_parent_hears_it_afterwards() -> None:
+    sleep = [sys.executable, "-c", "import time; time.sleep(1.0)"]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _interrupt_both(sleep)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_workers_and_their_pins_are_gone_afterwards(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
