@@ -26,7 +26,7 @@ from algorithms.perceptron import (
     linear_layers,
     processor_rounds,
     through_relu,
-)  # fmt: skip
+)
 
 LOG_STD_MIN: Final = -20.0
 LOG_STD_MAX: Final = 2.0
@@ -95,12 +95,12 @@ def adam_step(optimizer: torch.optim.Optimizer) -> None:
 
 @contextmanager
 def denormals_are_zero() -> Iterator[None]:
-    """Count numbers below 1.2e-38 as 0 within, on this thread; weights stay the same, bit for bit.
+    """Count numbers below 1.2e-38 as 0 within, on this thread.
 
-    A third of the weights soon have gradients of exactly 0, behind ReLUs that never open. Adam's first moment of such a
-    weight shrinks to the smallest denormal number and stays there, as 0.9 times that rounds to itself; it no longer
-    moves the weight, but processors take over a hundred cycles for each such product: two fifths of all time
-    (docs/performance.md).
+    Two fifths of the gradients soon are exactly 0, behind ReLUs that never open. Adam's first moment of such a weight
+    shrinks to the smallest denormal number and stays there, as 0.9 times that rounds to itself; it moves no weight, so
+    that weights stay the same, bit for bit, but processors take over a hundred cycles for each such product: two fifths
+    of all time (docs/performance.md).
     """
     torch.set_flush_denormal(True)
     try:

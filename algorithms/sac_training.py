@@ -13,15 +13,15 @@ from algorithms.fast_sac import FastSAC, HalfFastSAC, reproducible
 from algorithms.guard_features import GuardFeatures
 from algorithms.method import Task
 from algorithms.networks import Architecture, NetworkPolicy, copy_linear_layers
-from algorithms.sac import ACTOR_LAYERS, CRITIC_LAYERS, GAMMA_PER_STEP, LEARNERS, SACSettings
+from algorithms.sac import ACTOR_LAYERS, CRITIC_LAYERS, GAMMA_PER_STEP, SACSettings
 from algorithms.sac_checkpoint import Checkpointing, restore
 from algorithms.sb3_env import StableBaselinesEnv
 from envs.driving_env import ActionMode, DrivingVectorEnv
 from envs.world import Ending, Shield
 
-LEARNER_CLASSES: Final[dict[str, type[StableBaselinesSAC]]] = dict(
-    zip(LEARNERS, (FastSAC, HalfFastSAC, StableBaselinesSAC), strict=True)
-)
+LEARNER_CLASSES: Final[dict[str, type[StableBaselinesSAC]]] = {
+    "fast": FastSAC, "bf16": HalfFastSAC, "sb3": StableBaselinesSAC,
+}  # fmt: skip
 
 
 class _Progress(BaseCallback):

@@ -83,7 +83,14 @@ def test_moments_too_small_to_move_a_weight_count_as_zero_in_an_update_and_only_
     assert float(torch.full((1,), tiny) * 1.0) != 0.0
 
 
-needs_bfloat16 = pytest.mark.skipif(not processor_rounds(), reason="this processor has no products in bfloat16")
+needs_bfloat16 = pytest.mark.skipif(
+    not processor_rounds(),
+    reason="no products in bfloat16 on this processor: sac.learner=bf16 is refused here, as tested",
+)
+
+
+def test_a_processor_with_a_matrix_unit_is_never_taken_for_one_without():
+    assert processor_rounds() or not torch.cpu._is_amx_tile_supported()
 
 
 @needs_bfloat16

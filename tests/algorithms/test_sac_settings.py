@@ -5,13 +5,17 @@ import pytest
 from algorithms import sac_training
 from algorithms.method import Budget, Task
 from algorithms.registry import get_method
-from algorithms.sac import GAMMA_PER_STEP, SACSettings
+from algorithms.sac import GAMMA_PER_STEP, LEARNERS, SACSettings
 from algorithms.sac_training import train_sac
 from envs.scenario import get_scenario
 
 
 def task_of(steps, scenario="a", **settings):
     return Task(get_scenario(scenario), 0, Budget(steps), settings={key: str(value) for key, value in settings.items()})
+
+
+def test_every_learner_that_settings_accept_can_be_made_and_no_other():
+    assert tuple(sac_training.LEARNER_CLASSES) == LEARNERS
 
 
 def test_an_update_after_more_decisions_than_worlds_needs_a_budget_of_whole_roll_outs():
