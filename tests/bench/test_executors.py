@@ -124,6 +124,20 @@ def test_ctrl_c_while_workers_are_being_started_is_not_lost(tmp_path: Path, dela
     assert "Traceback" not in err
 
 
+def test_an_interrupt_in_the_middle_of_an_import_ends_with_130_too(tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, bench.cli\n"
+        "def main():\n"
+        "    try:\n"
+        "        exec('raise KeyboardInterrupt')  # as a dataclass that is being made\n"
+        "    except KeyboardInterrupt:\n"
+        "        sys.exit(130)\n"
+        "bench.cli.main = main\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    assert subprocess.run([sys.executable, "-m", "bench"], env=environment, timeout=60).returncode == 130
+
+
 def _interrupt_both(command: list[str]) -> None:
     with deaf_to_interrupts():
         child = subprocess.Popen(command)
