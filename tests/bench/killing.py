@@ -4,7 +4,9 @@ import contextlib
 import multiprocessing
 import random
 import shutil
+import sys
 from collections.abc import Callable
+from multiprocessing import forkserver
 from pathlib import Path
 
 import psutil
@@ -25,6 +27,7 @@ TICK_S = 0.01
 
 def attempt(spec: str, results: Path, every_steps: int) -> None:
     """The process that is killed."""
+    assert set(PRELOADED) <= sys.modules.keys()  # else most kills would fall into imports
     (results / "log").parent.mkdir(parents=True, exist_ok=True)
     with (results / "log").open("a") as log, contextlib.redirect_stderr(log), contextlib.suppress(AlreadyDoneError):
         run(RunSpec.model_validate_json(spec), results, checkpoint_every=Interval(3600.0, every_steps))
@@ -38,6 +41,7 @@ class Killing:
     ) -> None:
         """Take a specification, and what every results folder must hold before."""
         self._spec, self._every_steps, self._prepare = spec, every_steps, prepare
+        forkserver._forkserver._stop()  # of an earlier test: it would have imported other modules
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(PRELOADED)
 
