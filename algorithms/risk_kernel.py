@@ -56,8 +56,10 @@ class BlockWeights(NamedTuple):
     Layer norms and the scale 1 / sqrt(d_k) of the scores are folded into them.
     """
 
-    pack: Single
-    pack_shift: Single
+    query: Single
+    query_shift: Single
+    key_value: Single
+    key_value_shift: Single
     project: Single
     project_shift: Single
     expand: Single
@@ -90,10 +92,11 @@ def fold(state: Mapping[str, npt.NDArray[np.float32]], layers: int, heads: int) 
     for k in range(layers):
         block = f"blocks.{k}"
         pack, pack_shift = linear(f"{block}.query_key_value", f"{block}.norm_attention")
-        scale = np.ones(pack.shape[1])
-        scale[: len(scale) // 3] = 1.0 / math.sqrt(len(scale) // 3 // heads)
+        width = len(pack_shift) // 3
+        scale = 1.0 / math.sqrt(width // heads)
         maps = (
-            (pack * scale, pack_shift * scale),
+            (pack[:, :width] * scale, pack_shift[:width] * scale),
+            (pack[:, width:], pack_shift[width:]),
             linear(f"{block}.project"),
             linear(f"{block}.expand", f"{block}.norm_mlp"),
             linear(f"{block}.contract"),
@@ -114,17 +117,21 @@ def _single(values: FloatArray) -> Single:
 ERF_SERIES: Final = erf_series()
 
 
+# Loops below index from 0 and take no slices: numba's checks of a slice, and of an index that it cannot prove to be
+# positive, cost half the time of loops as short as these, mostly because they then work on one number at a time.
+
+
 @njit
-def _affine(x: Single, rows: int, matrix: Single, shift: Single, out: Single, first: int) -> None:
-    """Rows of out, columns from `first` on: x matrix + shift; inputs four at a time."""
+def _affine(x: Single, rows: int, matrix: Single, shift: Single, out: Single) -> None:
+    """Rows of out: x matrix + shift; inputs four at a time."""
     for t in range(rows):
-        row = out[t, first:]
-        row[:] = shift[first:]
-        for k in range(0, matrix.shape[0], 4):
+        for j in range(matrix.shape[1]):
+            out[t, j] = shift[j]
+        for quarter in range(matrix.shape[0] // 4):
+            k = 4 * quarter
             a, b, c, d = x[t, k], x[t, k + 1], x[t, k + 2], x[t, k + 3]
-            m_a, m_b, m_c, m_d = matrix[k, first:], matrix[k + 1, first:], matrix[k + 2, first:], matrix[k + 3, first:]
-            for j in range(len(row)):
-                row[j] += (a * m_a[j] + b * m_b[j]) + (c * m_c[j] + d * m_d[j])
+            for j in range(matrix.shape[1]):
+                out[t, j] += (a * matrix[k, j] + b * matrix[k + 1, j]) + (c * matrix[k + 2, j] + d * matrix[k + 3, j])
 
 
 @njit
@@ -169,46 +176,59 @@ def _read_tokens(row: Single, weights: RiskWeights, z: Single, slots: npt.NDArra
 
 
 @njit
-def _attend(packed: Single, rows: int, count: int, heads: int, mixed: Single, mean: Single) -> None:
-    """Attention of the first rows to all tokens: weighted values into `mixed`, the ego's head mean into `mean`."""
-    width = mixed.shape[1]
-    size = width // heads
-    share = np.empty(count, np.float32)
-    mean[:count] = np.float32(0.0)
+def _share(queries: Single, keys_values: Single, t: int, h: int, count: int, share: Single) -> None:
+    """Attention of token t to the first `count` tokens in head h: softmax of the scores."""
+    top = np.float32(-np.inf)
+    for u in range(count):
+        score = np.float32(0.0)
+        for c in range(queries.shape[2]):
+            score += queries[t, h, c] * keys_values[u, 0, h, c]
+        share[u] = score
+        top = max(top, score)
+    total = np.float32(0.0)
+    for u in range(count):
+        share[u] = np.float32(math.exp(share[u] - top))
+        total += share[u]
+    for u in range(count):
+        share[u] /= total
+
+
+@njit
+def _attend(
+    queries: Single, keys_values: Single, rows: int, count: int, share: Single, mixed: Single, mean: Single
+) -> None:
+    """Attention of the first rows to all tokens: weighted values into `mixed`, the ego's head mean into `mean`.
+
+    `queries` and `mixed` are (tokens, heads, size), `keys_values` (tokens, 2, heads, size), `share` is room to work in.
+    """
+    heads, size = mixed.shape[1:]
+    for u in range(count):
+        mean[u] = np.float32(0.0)
     for t in range(rows):
-        mixed[t, :] = np.float32(0.0)
         for h in range(heads):
-            top = np.float32(-np.inf)
+            _share(queries, keys_values, t, h, count, share)
+            for c in range(size):
+                mixed[t, h, c] = np.float32(0.0)
             for u in range(count):
-                score = np.float32(0.0)
-                for c in range(h * size, (h + 1) * size):
-                    score += packed[t, c] * packed[u, width + c]
-                share[u] = score
-                top = max(top, score)
-            total = np.float32(0.0)
-            for u in range(count):
-                share[u] = np.float32(math.exp(share[u] - top))
-                total += share[u]
-            for u in range(count):
-                weight = share[u] / total
                 if t == 0:
-                    mean[u] += weight / np.float32(heads)
-                for c in range(h * size, (h + 1) * size):
-                    mixed[t, c] += weight * packed[u, 2 * width + c]
+                    mean[u] += share[u] / np.float32(heads)
+                for c in range(size):
+                    mixed[t, h, c] += share[u] * keys_values[u, 1, h, c]
 
 
 @njit
 def _gelu(wide: Single, rows: int) -> None:
     """Gaussian error linear unit x (1 + erf(x / sqrt 2)) / 2, in place; erf by Clenshaw's sum, which vectorises."""
     for t in range(rows):
-        row = wide[t]
-        for j in range(len(row)):
-            x = min(max(row[j] * ROOT_HALF, -ERF_EDGE), ERF_EDGE)
+        for j in range(wide.shape[1]):
+            x = wide[t, j] * ROOT_HALF
+            x = ERF_EDGE if x > ERF_EDGE else x  # min and max do not vectorise
+            x = -ERF_EDGE if x < -ERF_EDGE else x
             twice = x * x * ERF_SCALE - TWO
             ahead, sum_k = np.float32(0.0), np.float32(0.0)
             for k in range(len(ERF_SERIES) - 1, 0, -1):
                 ahead, sum_k = sum_k, twice * sum_k - ahead + ERF_SERIES[k]
-            row[j] *= HALF * (ONE + x * (HALF * twice * sum_k - ahead + ERF_SERIES[0]))
+            wide[t, j] *= HALF * (ONE + x * (HALF * twice * sum_k - ahead + ERF_SERIES[0]))
 
 
 @njit
@@ -248,23 +268,27 @@ def risk_kernel(
     """
     blocks = weights.blocks
     layers, width, hidden = blocks.expand.shape
-    z, normal, mixed = np.empty((3, TOKENS, width), np.float32)
-    packed, wide = np.empty((TOKENS, 3 * width), np.float32), np.empty((TOKENS, hidden), np.float32)
-    mean, slots = np.empty(TOKENS, np.float32), np.empty(TOKENS, np.int64)
+    size = width // heads
+    z, normal = np.empty((TOKENS, width), np.float32), np.empty((TOKENS, width), np.float32)
+    queries, mixed = np.empty((TOKENS, width), np.float32), np.empty((TOKENS, width), np.float32)
+    keys_values, wide = np.empty((TOKENS, 2 * width), np.float32), np.empty((TOKENS, hidden), np.float32)
+    queries_by_head, mixed_by_head = queries.reshape(TOKENS, heads, size), mixed.reshape(TOKENS, heads, size)
+    keys_values_by_head = keys_values.reshape(TOKENS, 2, heads, size)
+    share, mean, slots = np.empty(TOKENS, np.float32), np.empty(TOKENS, np.float32), np.empty(TOKENS, np.int64)
     for i in range(observations.shape[0]):
         count = _read_tokens(observations[i], weights, z, slots)
         for k in range(layers):
             rows = 1 if k == layers - 1 else count
             _normalise(z, count, normal)
-            _affine(normal, rows, blocks.pack[k], blocks.pack_shift[k], packed, 0)
-            _affine(normal[rows:], count - rows, blocks.pack[k], blocks.pack_shift[k], packed[rows:], width)
-            _attend(packed, rows, count, heads, mixed, mean)
-            _affine(mixed, rows, blocks.project[k], blocks.project_shift[k], normal, 0)
+            _affine(normal, rows, blocks.query[k], blocks.query_shift[k], queries)
+            _affine(normal, count, blocks.key_value[k], blocks.key_value_shift[k], keys_values)
+            _attend(queries_by_head, keys_values_by_head, rows, count, share, mixed_by_head, mean)
+            _affine(mixed, rows, blocks.project[k], blocks.project_shift[k], normal)
             _add(z, normal, rows)
             _normalise(z, rows, normal)
-            _affine(normal, rows, blocks.expand[k], blocks.expand_shift[k], wide, 0)
+            _affine(normal, rows, blocks.expand[k], blocks.expand_shift[k], wide)
             _gelu(wide, rows)
-            _affine(wide, rows, blocks.contract[k], blocks.contract_shift[k], mixed, 0)
+            _affine(wide, rows, blocks.contract[k], blocks.contract_shift[k], mixed)
             _add(z, mixed, rows)
         _normalise(z, 1, normal)
         value = weights.head_shift[0]
