@@ -18,9 +18,10 @@ from envs.driving_env import DrivingVectorEnv
 UPDATES: Final = 20
 """Updates of one repeat."""
 WARM_UP_DECISIONS: Final = 1600
-LATER: Final = 2400
-"""Updates after which all is measured again, half of a quick training: weights behind ReLUs that never open have
-denormal moments by then, which slow stable-baselines3 down from there on (`algorithms.fast_sac.denormals_are_zero`)."""
+LATER: Final = 4800
+"""Updates after which all is measured again, a fifth of a standard training: denormal moments of weights behind ReLUs
+that never open have nearly reached the share that they keep (`results/speed/denormals.json`). They slow
+stable-baselines3 down; ours counts them as 0 (`algorithms.fast_sac.denormals_are_zero`)."""
 
 
 def _build(name: str, settings: SACSettings) -> Any:
