@@ -7,15 +7,16 @@ import random
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3 import SAC as StableBaselinesSAC
-from stable_baselines3.common.buffers import ReplayBuffer
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
+from algorithms.packed_replay import PackedReplayBuffer
 from algorithms.perceptron import (
     ACTOR,
     FIRST,
@@ -33,48 +34,9 @@ LOG_STD_MAX: Final = 2.0
 SQUASH_EPSILON: Final = 1e-6
 """stable-baselines3's constants of the squashed Gaussian."""
 HALF_LOG_TWO_PI: Final = 0.5 * math.log(2.0 * math.pi)
-
-
-class PackedReplayBuffer(ReplayBuffer):
-    """stable-baselines3's replay buffer with a transition in one row, so that a batch is one gather.
-
-    Row: observation, action, reward, whether it terminated (time-outs do not count), next observation.
-    The same generator calls in the same order as the original: the same seed samples the same transitions.
-    """
-
-    def __init__(self, buffer_size: int, *args: Any, **kwargs: Any) -> None:
-        """Allocate the rows; the original's five arrays stay empty."""
-        super().__init__(1, *args, **kwargs)
-        self.buffer_size = max(buffer_size // self.n_envs, 1)
-        self._size = int(self.obs_shape[0])
-        width = 2 * self._size + self.action_dim + 2
-        self.rows = np.zeros((self.buffer_size, self.n_envs, width), np.float32)
-
-    def add(
-        self, obs: np.ndarray, next_obs: np.ndarray, action: np.ndarray, reward: np.ndarray,
-        done: np.ndarray, infos: list[dict[str, Any]],
-    ) -> None:  # fmt: skip
-        """Store one transition of every world."""
-        n, a = self._size, self.action_dim
-        timeout = np.array([info.get("TimeLimit.truncated", False) for info in infos])
-        row = self.rows[self.pos]
-        row[:, :n] = obs
-        row[:, n : n + a] = action.reshape(self.n_envs, a)
-        row[:, n + a] = reward
-        row[:, n + a + 1] = done & ~timeout
-        row[:, n + a + 2 :] = next_obs
-        self.pos += 1
-        if self.pos == self.buffer_size:
-            self.full = True
-            self.pos = 0
-
-    def sample_rows(self, batch_size: int) -> Tensor:
-        """Uniformly drawn transitions, shape (batch, row)."""
-        upper = self.buffer_size if self.full else self.pos
-        times = np.random.randint(0, upper, size=batch_size)  # noqa: NPY002  the original's generator
-        worlds = np.random.randint(0, high=self.n_envs, size=(batch_size,))  # noqa: NPY002
-        flat = self.rows.reshape(-1, self.rows.shape[-1])
-        return torch.from_numpy(flat.take(times * self.n_envs + worlds, axis=0))
+_MADE_BY_SETUP: Final = (
+    "_flat_actor", "_online", "_slow", "_space", "_trunk", "_mean", "_log_std", "_critics", "_targets",
+)  # fmt: skip
 
 
 def adam_step(optimizer: torch.optim.Optimizer) -> None:
@@ -102,11 +64,12 @@ def denormals_are_zero() -> Iterator[None]:
     that weights stay the same, bit for bit, but processors take over a hundred cycles for each such product: two fifths
     of all time (docs/performance.md).
     """
+    before = float(torch.full((1,), 1e-40) * 1.0) == 0.0
     torch.set_flush_denormal(True)
     try:
         yield
     finally:
-        torch.set_flush_denormal(False)
+        torch.set_flush_denormal(before)
 
 
 class FastSAC(StableBaselinesSAC):
@@ -115,12 +78,16 @@ class FastSAC(StableBaselinesSAC):
     `train` computes what `stable_baselines3.SAC.train` computes (a test holds both to each other): temperature,
     twin critics, actor, targets, in that order, from the same random numbers. What is saved: autograd's
     bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
+
+    Raises:
+        ValueError: An argument asks for something else than that update.
     """
 
     rounded = False
     """Whether products of wide layers round their factors to bfloat16."""
 
     def _setup_model(self) -> None:
+        self._refuse_other_updates()
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
         modules = (self.actor, self.critic, self.critic_target)
@@ -136,9 +103,37 @@ class FastSAC(StableBaselinesSAC):
         self._critics = [linear_layers(network) for network in self.critic.q_networks]
         self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
 
+    def _refuse_other_updates(self) -> None:
+        """What stable-baselines3 takes and the update below would ignore."""
+        shape = self.observation_space.shape if isinstance(self.observation_space, spaces.Box) else None
+        networks = {name: value for name, value in self.policy_kwargs.items() if name not in ("net_arch", "use_sde")}
+        refused = {
+            f"observations of {self.observation_space}": shape is None or len(shape) != 1,
+            f"ent_coef={self.ent_coef}": not str(self.ent_coef).startswith("auto"),
+            f"target_update_interval={self.target_update_interval}": self.target_update_interval != 1,
+            f"n_steps={self.n_steps}": self.n_steps != 1,
+            "use_sde": self.use_sde,
+            f"replay_buffer_class={self.replay_buffer_class}": (
+                self.replay_buffer_class not in (None, PackedReplayBuffer)
+            ),
+            f"replay_buffer_kwargs={self.replay_buffer_kwargs}": bool(self.replay_buffer_kwargs),
+            "optimize_memory_usage": self.optimize_memory_usage,
+            f"policy_kwargs {networks}": bool(networks),
+            "a VecNormalize environment": self._vec_normalize_env is not None,
+        }
+        for name, asked in refused.items():
+            if asked:
+                raise ValueError(f"{type(self).__name__} has no {name}: use stable_baselines3.SAC for that")
+
+    def _excluded_save_params(self) -> list[str]:
+        """Views into the policy's parameters, and buffers: `_setup_model` makes them again."""
+        return [*super()._excluded_save_params(), *_MADE_BY_SETUP]
+
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Do so many updates."""
         self.policy.set_training_mode(True)
+        for flat in (self._flat_actor, self._online, self._slow):
+            flat.gather()
         assert self.ent_coef_optimizer is not None
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         sums = np.zeros(3)

@@ -52,10 +52,17 @@ class FlatModule:
         self.vector = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
         self.vector.grad = torch.zeros_like(self.vector)
         sizes = [parameter.numel() for parameter in parameters]
-        vectors = (self.vector.data, self.vector.grad)
-        for parameter, value, gradient in zip(parameters, *(v.split(sizes) for v in vectors), strict=True):
-            parameter.data = value.view_as(parameter)
-            parameter.grad = gradient.view_as(parameter)
+        parts = zip(parameters, self.vector.data.split(sizes), self.vector.grad.split(sizes), strict=True)
+        self._views = [(parameter, v.view_as(parameter), g.view_as(parameter)) for parameter, v, g in parts]
+        self.gather()
+
+    def gather(self) -> None:
+        """Take in parameters that have been given memory of their own since, as by ``policy.load_from_vector``."""
+        for parameter, value, gradient in self._views:
+            if parameter.data_ptr() != value.data_ptr():
+                value.copy_(parameter.data)
+                parameter.data = value
+            parameter.grad = gradient
 
 
 def linear_layers(module: nn.Module) -> list[Layer]:

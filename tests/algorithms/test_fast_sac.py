@@ -10,7 +10,8 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 
-from algorithms.fast_sac import FastSAC, HalfFastSAC, PackedReplayBuffer, reproducible
+from algorithms.fast_sac import FastSAC, HalfFastSAC, denormals_are_zero, reproducible
+from algorithms.packed_replay import PackedReplayBuffer
 from algorithms.perceptron import processor_rounds
 from algorithms.sb3_env import StableBaselinesEnv
 from envs.driving_env import DrivingVectorEnv
@@ -31,6 +32,7 @@ def trained(learner, updates, batch=64, seed=1, width=32):
             train_freq=1,
             gradient_steps=2,
             gamma=0.951,
+            learning_rate=6e-4,
             policy_kwargs={"net_arch": {"pi": [width] * 4, "qf": [width] * 3}},
             seed=seed,
             device="cpu",
@@ -58,14 +60,118 @@ def test_temperature_equals_the_stock_learners(both):
     assert fast.log_ent_coef.item() != 0.0
 
 
-def test_gradients_of_one_update_equal_autograds():
-    stock, fast = trained(SAC, 4), trained(FastSAC, 4)
-    for model in (stock, fast):
+def one_update_after(change):
+    """Stock's learner and ours, equal but for rounding, changed alike, then one update of the same batch."""
+    models = trained(SAC, 4), trained(FastSAC, 4)
+    for model in models:
+        for optimizer in (model.actor.optimizer, model.critic.optimizer, model.ent_coef_optimizer):
+            for state in optimizer.state.values():
+                state["exp_avg"].zero_()
+        with torch.no_grad():
+            change(model)
         with reproducible(9):
             model.train(1, 64)
-    # Only the actor's: autograd adds the actor loss's gradients to those of the critics.
-    for theirs, ours in zip(stock.actor.parameters(), fast.actor.parameters(), strict=True):
-        assert float((ours.grad - theirs.grad).norm()) <= 1e-5 * float(theirs.grad.norm())
+    return models
+
+
+def gradients(optimizer):
+    """Of the last update, from Adam's first moment: unlike its step, that is not the same for a gradient of twice."""
+    factor = 1.0 - optimizer.param_groups[0]["betas"][0]
+    return torch.cat([state["exp_avg"].reshape(-1) for state in optimizer.state.values()]) / factor
+
+
+@pytest.mark.parametrize("part", ["actor", "critic", "temperature"])
+def test_gradients_of_one_update_equal_autograds(part):
+    stock, fast = one_update_after(lambda model: None)
+    theirs, ours = (
+        gradients(model.ent_coef_optimizer if part == "temperature" else getattr(model, part).optimizer)
+        for model in (stock, fast)
+    )
+    assert float(theirs.norm()) > 1e-4
+    assert float((ours - theirs).norm()) <= 1e-5 * float(theirs.norm())
+
+
+def test_a_log_standard_deviation_beyond_its_limits_is_clamped_and_has_no_gradient():
+    def push(model):
+        model.actor.log_std.bias.copy_(torch.tensor([9.0, -30.0]))
+
+    stock, fast = one_update_after(push)
+    for name, value in stock.actor.named_parameters():
+        ours = dict(fast.actor.named_parameters())[name]
+        # Stock's log-probability of so narrow a Gaussian loses digits that ours keeps.
+        assert float(((value - ours).norm() / value.norm()).detach()) < 1e-3, name
+    assert torch.equal(fast.actor.log_std.bias.grad, torch.zeros(2))
+    assert torch.equal(stock.actor.log_std.bias.grad, torch.zeros(2))
+
+
+def test_it_is_saved_without_its_buffers_and_goes_on_where_it_was(tmp_path):
+    model = trained(FastSAC, 4)
+    model.save(tmp_path / "fast.zip")
+    trained(SAC, 4).save(tmp_path / "stock.zip")
+    assert (tmp_path / "fast.zip").stat().st_size < 1.1 * (tmp_path / "stock.zip").stat().st_size
+    again = FastSAC.load(tmp_path / "fast.zip", env=model.get_env(), device="cpu")
+    again.replay_buffer, again._logger = model.replay_buffer, model.logger
+    for learner in (model, again):
+        with reproducible(2):
+            learner.train(5, 64)
+    for one, other in zip(model.policy.parameters(), again.policy.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_parameters_put_in_by_vector_are_those_that_it_trains():
+    model, twin = trained(FastSAC, 4), trained(FastSAC, 4)
+    vector = model.policy.parameters_to_vector()
+    model.policy.load_from_vector(vector)
+    for learner in (model, twin):
+        with reproducible(2):
+            learner.train(5, 64)
+    assert np.abs(model.policy.parameters_to_vector() - vector).max() > 1e-4
+    assert np.array_equal(model.policy.parameters_to_vector(), twin.policy.parameters_to_vector())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ent_coef", 0.1),
+        ("target_update_interval", 5),
+        ("use_sde", True),
+        ("n_steps", 3),
+        ("replay_buffer_class", ReplayBuffer),
+        ("replay_buffer_kwargs", {"handle_timeout_termination": False}),
+        ("optimize_memory_usage", True),
+        ("policy_kwargs", {"activation_fn": torch.nn.Tanh}),
+        ("policy_kwargs", {"n_critics": 1}),
+        ("policy_kwargs", {"optimizer_class": torch.optim.SGD}),
+    ],
+)
+def test_an_argument_that_its_update_would_ignore_is_refused_by_name(name, value):
+    inner = next(iter(value)) if isinstance(value, dict) else ""
+    with pytest.raises(ValueError, match=rf"FastSAC has no {name}.*{inner}.*stable_baselines3\.SAC"):
+        FastSAC("MlpPolicy", StableBaselinesEnv(DrivingVectorEnv("a", 1)), device="cpu", **{name: value})
+
+
+def test_a_normalised_environment_and_observations_that_are_no_vector_are_refused():
+    from stable_baselines3.common.envs import SimpleMultiObsEnv
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    with pytest.raises(ValueError, match="VecNormalize"):
+        FastSAC("MlpPolicy", VecNormalize(StableBaselinesEnv(DrivingVectorEnv("a", 1))), device="cpu")
+    with pytest.raises(ValueError, match="observations of Dict"):
+        FastSAC("MultiInputPolicy", SimpleMultiObsEnv(discrete_actions=False), device="cpu")
+
+
+def test_who_counted_denormal_numbers_as_zero_before_goes_on_doing_so():
+    def flushed():
+        return float(torch.full((1,), 1e-40) * 1.0) == 0.0
+
+    for before in (False, True):
+        torch.set_flush_denormal(before)
+        try:
+            with denormals_are_zero():
+                assert flushed()
+            assert flushed() is before
+        finally:
+            torch.set_flush_denormal(False)
 
 
 def test_moments_too_small_to_move_a_weight_count_as_zero_in_an_update_and_only_there():

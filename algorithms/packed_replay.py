@@ -1,0 +1,52 @@
+"""stable-baselines3's replay buffer, a transition in one row."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.buffers import ReplayBuffer
+from torch import Tensor
+
+
+class PackedReplayBuffer(ReplayBuffer):
+    """stable-baselines3's replay buffer with a transition in one row, so that a batch is one gather.
+
+    Row: observation, action, reward, whether it terminated (time-outs do not count), next observation.
+    The same generator calls in the same order as the original: the same seed samples the same transitions.
+    """
+
+    def __init__(self, buffer_size: int, *args: Any, **kwargs: Any) -> None:
+        """Allocate the rows; the original's five arrays stay empty."""
+        super().__init__(1, *args, **kwargs)
+        self.buffer_size = max(buffer_size // self.n_envs, 1)
+        self._size = int(self.obs_shape[0])
+        width = 2 * self._size + self.action_dim + 2
+        self.rows = np.zeros((self.buffer_size, self.n_envs, width), np.float32)
+
+    def add(
+        self, obs: np.ndarray, next_obs: np.ndarray, action: np.ndarray, reward: np.ndarray,
+        done: np.ndarray, infos: list[dict[str, Any]],
+    ) -> None:  # fmt: skip
+        """Store one transition of every world."""
+        n, a = self._size, self.action_dim
+        timeout = np.array([info.get("TimeLimit.truncated", False) for info in infos])
+        row = self.rows[self.pos]
+        row[:, :n] = obs
+        row[:, n : n + a] = action.reshape(self.n_envs, a)
+        row[:, n + a] = reward
+        row[:, n + a + 1] = done & ~timeout
+        row[:, n + a + 2 :] = next_obs
+        self.pos += 1
+        if self.pos == self.buffer_size:
+            self.full = True
+            self.pos = 0
+
+    def sample_rows(self, batch_size: int) -> Tensor:
+        """Uniformly drawn transitions, shape (batch, row)."""
+        upper = self.buffer_size if self.full else self.pos
+        times = np.random.randint(0, upper, size=batch_size)  # noqa: NPY002  the original's generator
+        worlds = np.random.randint(0, high=self.n_envs, size=(batch_size,))  # noqa: NPY002
+        flat = self.rows.reshape(-1, self.rows.shape[-1])
+        return torch.from_numpy(flat.take(times * self.n_envs + worlds, axis=0))
