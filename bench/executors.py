@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench import worker
-from bench.fork_server import deaf_to_interrupts, one_thread, warm_up
+from bench.fork_server import await_fork_server, deaf_to_interrupts, one_thread, warm_up
 from bench.progress import Board, Display, Phase, RunStatus
 from bench.provenance import usable_cores
 from bench.store import Failure, State, Store
@@ -73,6 +73,7 @@ class LocalExecutor:
         queue = deque(run for run in board.runs if run.phase is Phase.QUEUED)
         try:
             warm_up()
+            await_fork_server()
             self._fill(min(self.workers, len(queue)))
             while queue or any(member.run for member in self._pool):
                 self._hand_out(queue, display)

@@ -7,10 +7,15 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from multiprocessing import forkserver, resource_tracker
+from typing import Final
 
 from bench.worker import ONE_THREAD
+
+SINGLE: Final = dict.fromkeys(ONE_THREAD, "1")
+PARENT: Final = "SAFEDRIVE_BENCH_PARENT"
+"""Environment variable with the process that starts the one that workers are forked from."""
 
 
 def warm_up() -> None:
@@ -20,18 +25,29 @@ def warm_up() -> None:
     """
     multiprocessing.get_context("forkserver").set_forkserver_preload(["bench.preload"])
     resource_tracker.ensure_running()  # where the fork server starts it, it lets interrupts through again
-    with one_thread(), deaf_to_interrupts():
+    with _environment({**SINGLE, PARENT: str(os.getpid())}), deaf_to_interrupts():
         forkserver.ensure_running()
 
 
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
+def await_fork_server() -> None:
+    """Return when its imports are done. Unlike the start of a worker, which is deaf to it, Ctrl-C ends this wait."""
+    nothing = multiprocessing.get_context("forkserver").Process(target=int)
+    nothing.start()
+    nothing.join()
+
+
+def one_thread() -> contextlib.AbstractContextManager[None]:
     """One thread for each numerical library of a process started inside: set before it imports them.
 
     Workers inherit the environment of the process that they are forked from: as it was when that began.
     """
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    return _environment(SINGLE)
+
+
+@contextlib.contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:

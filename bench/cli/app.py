@@ -15,7 +15,6 @@ from bench.errors import BenchError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-INTERRUPTED: Final = 130
 RESULTS: Final = Path("results")
 
 app = typer.Typer(
@@ -50,9 +49,6 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
         except BenchError as error:
             print(f"bench: {error}", file=sys.stderr)
             raise typer.Exit(error.exit_code) from None
-        except KeyboardInterrupt:
-            print("bench: interrupted.", file=sys.stderr)
-            raise typer.Exit(INTERRUPTED) from None
 
     return wrapper
 

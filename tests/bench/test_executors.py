@@ -109,7 +109,7 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_go_on_and_a_second_bench_run_keeps
     assert not list(results.rglob(LOCK_NAME))
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.7, 1.5])
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.7, 1.5])
 def test_ctrl_c_while_workers_are_being_started_is_not_lost(tmp_path: Path, delay_s: float) -> None:
     process = _bench(tmp_path, "--algo", "sac", "--scenario", "a", "--protocol", "quick", "--quiet")
     try:
@@ -117,11 +117,26 @@ def test_ctrl_c_while_workers_are_being_started_is_not_lost(tmp_path: Path, dela
             time.sleep(0.01)
         time.sleep(delay_s)  # it parses, plans, waits for what workers are forked from
         os.killpg(process.pid, signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+        start = time.monotonic()
+        _, err = process.communicate(timeout=60)  # until nobody may write any more
+        seconds = time.monotonic() - start
     finally:
         process.kill()
     assert process.returncode == 130
+    assert seconds < 15.0  # 0.1 s on a machine that is free
     assert "Traceback" not in err
+    assert "The same command goes on" in err
+
+
+def test_ctrl_c_when_all_is_done_changes_nothing() -> None:
+    code = """
+import atexit, os, signal, bench.cli
+atexit.register(print, "the end", flush=True)
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+atexit.register(bench.cli._end)
+"""
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "the end\n", "")
 
 
 def test_an_interrupt_in_the_middle_of_an_import_ends_with_130_too(tmp_path: Path) -> None:

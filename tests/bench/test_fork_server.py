@@ -56,6 +56,7 @@ print(*sorted({{"numba", "stable_baselines3", "torch"}} & set(sys.modules)))
 def test_it_looks_for_no_garbage_in_what_it_imports_and_takes_nothing_down_at_its_end() -> None:
     code = """
 import atexit, gc
+import bench.fork_server  # what that process consists of before its imports
 collections = []
 gc.callbacks.append(lambda *_: collections.append(1))
 atexit.register(print, "taken down", flush=True)
