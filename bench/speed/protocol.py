@@ -116,9 +116,10 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
         ``share`` by part and ``steps_per_s`` of training (simulation steps of 0.1 s), both without the ``shared_s``
         that training what all seeds share took; ``evaluate_s`` for ``eval_episodes``; ``seconds`` in all.
     """
+    places = _places(spec)  # imports what trains: in `bench run`, workers are forked from a process that has done so
     watch = Stopwatch()
     with ExitStack() as stack:
-        for owner, name, part in _places(spec):
+        for owner, name, part in places:
             stack.enter_context(watch.timed(owner, name, part))
         record = run(spec, results)
     timing = record.details["timing"]
