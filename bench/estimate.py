@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
 import statistics
 from collections import defaultdict
@@ -10,12 +11,15 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from algorithms.identity import source_digest
+from algorithms.registry import get_method
 from bench.provenance import CODE, cpu_model
 from bench.records import Record
 from bench.spec import RunSpec
 
 DEFAULT_TRAIN_RATE: Final = 3_000.0
 """Simulation steps per second of SAC (an update for every 4 decisions of 0.5 s) on one core."""
+DEFAULT_ON_POLICY_RATE: Final = 9_000.0
+"""The same of methods built on OmniSafe: CPO, FOCOPS and TRPO-Lag, 8,400 to 9,800 in results/speed/protocol.json."""
 DEFAULT_EVAL_RATE: Final = 500.0
 """Held-out episodes per second on one core."""
 RISK_METHODS: Final = ("dd-rq", "dd-rq-plus")
@@ -178,7 +182,7 @@ def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) 
         evaluate, evaluate_distance = _nearest(of_method.evaluate, spec)
         measured += bool(evaluate) and (bool(train) or not spec.steps)
         distances.update(filter(None, (train_distance, evaluate_distance)))
-        needed = spec.steps / (statistics.median(train) if train else DEFAULT_TRAIN_RATE)
+        needed = spec.steps / (statistics.median(train) if train else _default_train_rate(spec.method))
         needed += spec.eval_episodes / (statistics.median(evaluate) if evaluate else DEFAULT_EVAL_RATE)
         product = (_name(spec), spec.scenario, spec.steps)
         if product not in made:
@@ -195,10 +199,17 @@ def _basis(measured: int, runs: int, distances: Collection[_Distance]) -> str:
         text += ", some with other settings"
     if measured < runs:
         text += (
-            f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s "
-            f"and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
+            f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s, "
+            f"{DEFAULT_ON_POLICY_RATE:,.0f} by OmniSafe, and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
         )
     return text
+
+
+@functools.cache
+def _default_train_rate(method: str) -> float:
+    from algorithms.omnisafe_methods import OnPolicyMethod  # here: not every estimate needs it
+
+    return DEFAULT_ON_POLICY_RATE if isinstance(get_method(method), OnPolicyMethod) else DEFAULT_TRAIN_RATE
 
 
 def _default_setup(spec: RunSpec) -> float:

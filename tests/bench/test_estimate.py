@@ -1,12 +1,22 @@
 """The estimate of `bench run --dry-run`: rates of records, setup once, workers in turn."""
 
+import importlib.util
 from types import SimpleNamespace
 
 import pytest
 
 from algorithms.identity import source_digest
-from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, RISK_MODEL_S, START_S, estimate
+from bench.estimate import (
+    DEFAULT_EVAL_RATE,
+    DEFAULT_ON_POLICY_RATE,
+    DEFAULT_TRAIN_RATE,
+    RISK_MODEL_S,
+    START_S,
+    estimate,
+)
 from bench.provenance import CODE, cpu_model
+
+needs_omnisafe = pytest.mark.skipif(importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed")
 
 
 def spec(method="sac", scenario="a", steps=1_000, episodes=100, **settings):
@@ -30,6 +40,14 @@ def test_without_records_stated_defaults_decide():
     found = estimate([spec()], [], workers=1)
     assert found.seconds == pytest.approx((1_000 / DEFAULT_TRAIN_RATE + 100 / DEFAULT_EVAL_RATE,))
     assert "assumed" in found.basis
+
+
+@needs_omnisafe
+@pytest.mark.parametrize("method", ["cpo", "focops", "trpo-lag", "omnisafe:algo=PPO"])
+def test_without_records_methods_of_omnisafe_have_a_default_of_their_own(method):
+    found = estimate([spec(method, steps=100_000, episodes=1_000)], [], workers=1)
+    assert found.seconds == pytest.approx((100_000 / DEFAULT_ON_POLICY_RATE + 1_000 / DEFAULT_EVAL_RATE,))
+    assert "9,000 by OmniSafe" in found.basis
 
 
 def test_records_of_another_scenario_serve_until_there_are_some_of_this_one():
