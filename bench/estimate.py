@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
 import statistics
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from algorithms.identity import source_digest
+from algorithms.registry import get_method
 from bench.provenance import CODE, cpu_model
 from bench.records import Record
 from bench.spec import RunSpec
 
 DEFAULT_TRAIN_RATE: Final = 3_000.0
 """Simulation steps per second of SAC (an update for every 4 decisions of 0.5 s) on one core."""
+DEFAULT_ON_POLICY_RATE: Final = 9_000.0
+"""The same of methods built on OmniSafe: CPO, FOCOPS and TRPO-Lag, 8,400 to 9,800 in results/speed/protocol.json."""
 DEFAULT_EVAL_RATE: Final = 500.0
 """Held-out episodes per second on one core."""
 RISK_METHODS: Final = ("dd-rq", "dd-rq-plus")
@@ -26,8 +31,6 @@ START_S: Final = 2.5
 
 ORIGINS: Final = ("", ", by another version of the code", ", on another kind of processor")
 """Records that tell most come first: of this processor and these sources, of this processor, any."""
-
-Key = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +48,59 @@ class Estimate:
     basis: str
 
 
+class _Kind(NamedTuple):
+    """What records share whose rates are pooled; `origin` counts in `ORIGINS`."""
+
+    method: str
+    scenario: str
+    settings: frozenset[tuple[str, str]]
+    origin: int
+
+
+class _Distance(NamedTuple):
+    """How far records are from a run of the same method; tuples compare item by item, so that this is the order.
+
+    Settings come first: one update for each decision takes 16 times as long as one for 16, while sources and processor
+    have made a difference of two so far. A setting typed at its default value counts as another one: only the method
+    knows its defaults, and records without any setting are then the nearest.
+
+    Attributes:
+        lacking: Settings of the run that the records were made without.
+        beyond: Settings of the records that the run is without.
+        origin: As in `ORIGINS`.
+        other_parameters: Whether the method's parameters differ.
+        other_scenario: Whether the scenario differs.
+    """
+
+    lacking: int
+    beyond: int
+    origin: int
+    other_parameters: bool
+    other_scenario: bool
+
+    @classmethod
+    def between(cls, kind: _Kind, spec: RunSpec) -> _Distance:
+        wanted = frozenset(spec.settings.items())
+        return cls(
+            len(wanted - kind.settings),
+            len(kind.settings - wanted),
+            kind.origin,
+            kind.method != spec.method,
+            kind.scenario != spec.scenario,
+        )
+
+    @property
+    def of_setup(self) -> tuple[int, bool]:
+        """The order for what is made once and shared: by runs of all settings and parameters."""
+        return self.origin, self.other_scenario
+
+
+Table = dict[_Kind, list[float]]
+
+
 @dataclass(slots=True)
 class _Rates:
-    """What finished records say, by (method, scenario) and, for scenarios not seen yet, by (method,).
+    """What finished records of one method say.
 
     Attributes:
         train: Simulation steps per second once training goes.
@@ -55,27 +108,27 @@ class _Rates:
         setup: Seconds before training goes, for what is trained once and shared (a driving agent, a risk model).
     """
 
-    train: dict[Key, list[float]] = field(default_factory=dict)
-    evaluate: dict[Key, list[float]] = field(default_factory=dict)
-    setup: dict[Key, list[float]] = field(default_factory=dict)
+    train: Table = field(default_factory=dict)
+    evaluate: Table = field(default_factory=dict)
+    setup: Table = field(default_factory=dict)
 
-    def add(self, record: Record) -> None:
+    def add(self, record: Record, origin: int) -> None:
         """Count a record. Processor time: a run has one thread, and other load leaves it almost as it is."""
+        spec = record.spec
+        kind = _Kind(spec.method, spec.scenario, frozenset(spec.settings.items()), origin)
         timing: dict[str, dict[str, float]] = record.details.get("timing", {})
         train, evaluate = timing.get("train", {}), timing.get("evaluate", {})
         setup = train.get("cpu_s", 0.0) * _setup_share(record.details.get("timeline", []), train.get("wall_s", 0.0))
         learning = train.get("cpu_s", 0.0) - setup
-        for key in _keys(record.spec):
-            if record.spec.steps and learning > 0.0:
-                self.train.setdefault(key, []).append(record.spec.steps / learning)
-                self.setup.setdefault(key, []).append(setup)
-            if evaluate.get("cpu_s", 0.0) > 0.0:
-                self.evaluate.setdefault(key, []).append(record.spec.eval_episodes / evaluate["cpu_s"])
+        if spec.steps and learning > 0.0:
+            self.train.setdefault(kind, []).append(spec.steps / learning)
+            self.setup.setdefault(kind, []).append(setup)
+        if evaluate.get("cpu_s", 0.0) > 0.0:
+            self.evaluate.setdefault(kind, []).append(spec.eval_episodes / evaluate["cpu_s"])
 
 
-def _keys(spec: RunSpec) -> tuple[Key, Key]:
-    name = spec.method.partition(":")[0]
-    return (name, spec.scenario), (name,)
+def _name(spec: RunSpec) -> str:
+    return spec.method.partition(":")[0]
 
 
 def _setup_share(timeline: Sequence[Sequence[Any]], wall_s: float) -> float:
@@ -87,57 +140,80 @@ def _setup_share(timeline: Sequence[Sequence[Any]], wall_s: float) -> float:
     return float(min(max(before / wall_s, 0.0), 1.0))
 
 
-def _by_origin(records: Sequence[Record]) -> list[_Rates]:
-    """Rates for each of `ORIGINS`."""
+def _by_method(records: Iterable[Record]) -> defaultdict[str, _Rates]:
+    """Rates by the method's name."""
     cpu, sources = cpu_model(), source_digest(CODE)
-    found = [_Rates() for _ in ORIGINS]
+    rates: defaultdict[str, _Rates] = defaultdict(_Rates)
     for record in records:
         made_by = record.details.get("provenance", {})
         own = made_by.get("cpu") == cpu
-        for rates, counts in zip(found, (own and made_by.get("source_sha256") == sources, own, True), strict=True):
-            if counts:
-                rates.add(record)
-    return found
+        origin = (0 if made_by.get("source_sha256") == sources else 1) if own else 2
+        rates[_name(record.spec)].add(record, origin)
+    return rates
 
 
-def _looked_up(tables: Iterable[dict[Key, list[float]]], spec: RunSpec) -> tuple[list[float], int]:
-    """What the first table that knows the method says, and which table that is; nothing if none does."""
-    return next(((table[key], at) for at, table in enumerate(tables) for key in _keys(spec) if key in table), ([], 0))
+def _nearest(table: Table, spec: RunSpec) -> tuple[list[float], _Distance | None]:
+    """What the records nearest to a run say, and how far they are from it; nothing if there are none."""
+    nearest = min((_Distance.between(kind, spec) for kind in table), default=None)
+    return [value for kind in table if _Distance.between(kind, spec) == nearest for value in table[kind]], nearest
+
+
+def _setup(table: Table, spec: RunSpec) -> float:
+    """Time for what is made once and shared: the longest that the nearest records tell of, or the default [s]."""
+    order = {kind: _Distance.between(kind, spec).of_setup for kind in table}
+    nearest = min(order.values(), default=None)
+    return max((max(table[kind]) for kind in table if order[kind] == nearest), default=_default_setup(spec))
 
 
 def estimate(specs: Sequence[RunSpec], records: Iterable[Record], workers: int) -> Estimate:
     """Time that runs will take on so many workers, in their order.
 
-    Records of this processor and these sources decide; where there are none, those of this processor, or any. The
-    setup of a method is counted once for each scenario and budget that has no record yet.
+    The nearest records of a method decide, see `_Distance`. The setup of a method is counted once for each scenario and
+    budget that has no record yet.
     """
     records = list(records)
-    rates = _by_origin(records)
-    made = {(*_keys(record.spec)[0], record.spec.steps) for record in records}
-    measured, origin, seconds = 0, 0, []
+    rates = _by_method(records)
+    made = {(_name(record.spec), record.spec.scenario, record.spec.steps) for record in records}
+    measured, seconds = 0, []
+    distances: set[_Distance] = set()
     for spec in specs:
-        train, train_origin = _looked_up((of.train for of in rates), spec)
-        evaluate, evaluate_origin = _looked_up((of.evaluate for of in rates), spec)
+        of_method = rates[_name(spec)]
+        train, train_distance = _nearest(of_method.train, spec)
+        evaluate, evaluate_distance = _nearest(of_method.evaluate, spec)
         measured += bool(evaluate) and (bool(train) or not spec.steps)
-        origin = max(origin, evaluate_origin, train_origin)
-        needed = spec.steps / (statistics.median(train) if train else DEFAULT_TRAIN_RATE)
+        distances.update(filter(None, (train_distance, evaluate_distance)))
+        needed = spec.steps / (statistics.median(train) if train else _default_train_rate(spec.method))
         needed += spec.eval_episodes / (statistics.median(evaluate) if evaluate else DEFAULT_EVAL_RATE)
-        product = (*_keys(spec)[0], spec.steps)
+        product = (_name(spec), spec.scenario, spec.steps)
         if product not in made:
             made.add(product)
-            needed += max(_looked_up((of.setup for of in rates), spec)[0] or [_default_setup(spec)])
+            needed += _setup(of_method.setup, spec)
         seconds.append(needed)
-    basis = f"{measured} of {len(specs)} runs at rates measured in this results folder{ORIGINS[origin]}"
-    if measured < len(specs):
-        basis += (
-            f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s "
-            f"and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
+    return Estimate(tuple(seconds), _makespan(seconds, workers), _basis(measured, len(specs), distances))
+
+
+def _basis(measured: int, runs: int, distances: Collection[_Distance]) -> str:
+    text = f"{measured} of {runs} runs at rates measured in this results folder"
+    text += ORIGINS[max((distance.origin for distance in distances), default=0)]
+    if any(distance.lacking or distance.beyond for distance in distances):
+        text += ", some with other settings"
+    if measured < runs:
+        text += (
+            f", the rest at an assumed {DEFAULT_TRAIN_RATE:,.0f} training steps/s, "
+            f"{DEFAULT_ON_POLICY_RATE:,.0f} by OmniSafe, and {DEFAULT_EVAL_RATE:,.0f} episodes/s"
         )
-    return Estimate(tuple(seconds), _makespan(seconds, workers), basis)
+    return text
+
+
+@functools.cache
+def _default_train_rate(method: str) -> float:
+    from algorithms.omnisafe_methods import OnPolicyMethod  # here: not every estimate needs it
+
+    return DEFAULT_ON_POLICY_RATE if isinstance(get_method(method), OnPolicyMethod) else DEFAULT_TRAIN_RATE
 
 
 def _default_setup(spec: RunSpec) -> float:
-    if spec.method.partition(":")[0] not in RISK_METHODS:
+    if _name(spec) not in RISK_METHODS:
         return 0.0
     return RISK_MODEL_S + spec.steps / DEFAULT_TRAIN_RATE
 

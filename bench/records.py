@@ -179,6 +179,15 @@ def collect(results: Path) -> Collection:
     Raises:
         RecordError: Some cannot be used; the message names each of them with the remedy.
     """
+    collection, errors = collect_readable(results)
+    errors += mixed_versions(collection.records)
+    if errors:
+        raise RecordError("\n".join(errors))
+    return collection
+
+
+def collect_readable(results: Path) -> tuple[Collection, list[str]]:
+    """The runs of a results folder that can be read, of whatever versions, and a line for each that cannot."""
     records: list[Record] = []
     missing: list[Missing] = []
     errors: list[str] = []
@@ -191,10 +200,7 @@ def collect(results: Path) -> Collection:
                 missing.append(Missing(_read_run(path)[0], state, store.read_failure(path)))
         except RecordError as error:
             errors.append(str(error))
-    errors += mixed_versions(records)
-    if errors:
-        raise RecordError("\n".join(errors))
-    return Collection(tuple(records), tuple(missing))
+    return Collection(tuple(records), tuple(missing)), errors
 
 
 def _only_leftovers(path: Path) -> bool:

@@ -17,7 +17,7 @@ from bench.leaderboard import Row, collision_text
 from bench.progress import Phase, duration
 from bench.protocols import Request, expand, split_names
 from bench.ray_executor import RayExecutor
-from bench.records import collect
+from bench.records import collect, collect_readable
 from bench.text import columns, json_text
 from bench.tracking import require_tracker
 
@@ -160,11 +160,10 @@ def dry_run(request: Request, options: Options) -> int:
     workers = LocalExecutor(options.results, options.workers).workers
     board = sweep.plan(expansion.specs, options.results, workers, options.retry_failed)
     queued = [status.spec for status in board.runs if status.phase is Phase.QUEUED]
-    try:
-        records = collect(options.results).records
-    except BenchError:  # damaged records are the readers' business; rates are then assumed
-        records = ()
-    times = estimate(queued, records, workers)
+    readable, errors = collect_readable(options.results)
+    for error in errors:
+        print(f"bench: left out of the estimate: {error}", file=sys.stderr)
+    times = estimate(queued, readable.records, workers)
     seconds = dict(zip((spec.hash for spec in queued), times.seconds, strict=True))
     listed = [
         {

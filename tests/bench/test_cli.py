@@ -121,6 +121,21 @@ def test_a_dry_run_lists_the_runs_and_makes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_a_record_that_cannot_be_read_is_named_and_left_out_of_the_estimate(
+    fakes: Path, tmp_path: Path, bench: Callable[..., Result], make_record: MakeRecord
+) -> None:
+    make_record(tmp_path, seed=0, steps=4_000, eval_episodes=64)
+    damaged = make_record(tmp_path, seed=1, steps=4_000, eval_episodes=64)
+    (damaged / "run.json").write_text("{")
+    make_record(tmp_path, method="other", method_version=1)
+    make_record(tmp_path, method="other", method_version=2)  # share no table, but can be read
+    arguments = ("--protocol", "smoke", "--seeds", "7,", "--results", tmp_path, "--dry-run", "--json")
+    result = bench("run", "--algo", "fake-learner", *arguments)
+    assert [run["seconds"] for run in json.loads(result.stdout)["runs"]] == [2.0]
+    (line,) = result.stderr.splitlines()
+    assert f"left out of the estimate: {damaged.name}/run.json is truncated or damaged" in line
+
+
 def test_what_is_unavailable_is_named_and_stops_no_other(
     fakes: Path, tmp_path: Path, bench: Callable[..., Result]
 ) -> None:

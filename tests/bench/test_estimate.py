@@ -1,16 +1,26 @@
 """The estimate of `bench run --dry-run`: rates of records, setup once, workers in turn."""
 
+import importlib.util
 from types import SimpleNamespace
 
 import pytest
 
 from algorithms.identity import source_digest
-from bench.estimate import DEFAULT_EVAL_RATE, DEFAULT_TRAIN_RATE, RISK_MODEL_S, START_S, estimate
+from bench.estimate import (
+    DEFAULT_EVAL_RATE,
+    DEFAULT_ON_POLICY_RATE,
+    DEFAULT_TRAIN_RATE,
+    RISK_MODEL_S,
+    START_S,
+    estimate,
+)
 from bench.provenance import CODE, cpu_model
 
+needs_omnisafe = pytest.mark.skipif(importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed")
 
-def spec(method="sac", scenario="a", steps=1_000, episodes=100):
-    return SimpleNamespace(method=method, scenario=scenario, steps=steps, eval_episodes=episodes)
+
+def spec(method="sac", scenario="a", steps=1_000, episodes=100, **settings):
+    return SimpleNamespace(method=method, scenario=scenario, steps=steps, eval_episodes=episodes, settings=settings)
 
 
 def record(of, train_s, evaluate_s, timeline=(), cpu=None, sources=None):
@@ -32,10 +42,57 @@ def test_without_records_stated_defaults_decide():
     assert "assumed" in found.basis
 
 
+@needs_omnisafe
+@pytest.mark.parametrize("method", ["cpo", "focops", "trpo-lag", "omnisafe:algo=PPO"])
+def test_without_records_methods_of_omnisafe_have_a_default_of_their_own(method):
+    found = estimate([spec(method, steps=100_000, episodes=1_000)], [], workers=1)
+    assert found.seconds == pytest.approx((100_000 / DEFAULT_ON_POLICY_RATE + 1_000 / DEFAULT_EVAL_RATE,))
+    assert "9,000 by OmniSafe" in found.basis
+
+
 def test_records_of_another_scenario_serve_until_there_are_some_of_this_one():
     records = [record(spec(), 10.0, 1.0), record(spec(scenario="b"), 30.0, 1.0)]
     assert estimate([spec(scenario="b")], records, 1).seconds == pytest.approx((31.0,))
     assert estimate([spec(scenario="a-dense")], records, 1).seconds == pytest.approx((1_000 * 3 / 200 + 1.0,))
+
+
+def test_records_of_the_same_settings_come_first_then_those_of_the_same_scenario():
+    records = [
+        record(spec(decisions_per_update="16"), 10.0, 0.0),
+        record(spec("sac", "b", decisions_per_update="16"), 20.0, 0.0),
+        record(spec(), 40.0, 0.0),
+        record(spec("sac", "b"), 90.0, 0.0),
+    ]
+    wanted = [spec(episodes=0, decisions_per_update="16")]
+    # Same settings and scenario, same settings, same scenario, what is left.
+    for left, seconds in enumerate((10.0, 20.0, 40.0, 90.0)):
+        found = estimate(wanted, records[left:], 1)
+        assert found.seconds == pytest.approx((seconds,))
+        assert ("with other settings" in found.basis) == (left >= 2)
+
+
+def test_the_same_settings_by_older_sources_tell_more_than_other_settings():
+    records = [record(spec(learner="sb3"), 40.0, 0.0, sources="before"), record(spec(), 10.0, 0.0)]
+    assert estimate([spec(episodes=0, learner="sb3")], records, 1).seconds == pytest.approx((40.0,))
+
+
+def test_of_other_settings_those_that_share_most_and_then_those_that_add_least_come_first():
+    records = [
+        record(spec(), 40.0, 0.0),
+        record(spec(decisions_per_update="1", batch="64"), 160.0, 0.0),
+        record(spec(batch="256"), 90.0, 0.0),
+    ]
+    assert estimate([spec(episodes=0, decisions_per_update="1")], records, 1).seconds == pytest.approx((160.0,))
+    assert estimate([spec(episodes=0, learner="fast")], records, 1).seconds == pytest.approx((40.0,))
+
+
+def test_records_of_the_same_parameters_come_before_those_of_the_same_scenario():
+    records = [
+        record(spec("omnisafe:algo=PPO", "b"), 10.0, 0.0),
+        record(spec("omnisafe:algo=CUP"), 40.0, 0.0),
+    ]
+    assert estimate([spec("omnisafe:algo=PPO", episodes=0)], records, 1).seconds == pytest.approx((10.0,))
+    assert estimate([spec("omnisafe:algo=PPO", episodes=0)], records[1:], 1).seconds == pytest.approx((40.0,))
 
 
 def test_records_of_this_processor_come_first():
@@ -64,6 +121,14 @@ def test_setup_is_counted_once_for_a_scenario_and_budget_without_a_record():
     again, new = spec("dd-rq"), spec("dd-rq", steps=2_000)
     assert estimate([again], [seen], 1).seconds == pytest.approx((10.0 + 0.5,))
     assert estimate([new, new], [seen], 1).seconds == pytest.approx((20.0 + 0.5 + 30.0, 20.0 + 0.5))
+
+
+def test_setup_is_what_any_settings_and_parameters_took_for_it():
+    # The first made what both share: 30 of 40 s; the second found it made.
+    first = record(spec("dd-rq"), 40.0, 0.0, timeline=[(100, 62.0), (200, 64.0)])
+    second = record(spec("dd-rq:tc=mean", learner="sb3"), 20.0, 0.0, timeline=[(100, 2.0), (200, 4.0)])
+    new = spec("dd-rq:tc=mean", steps=2_000, episodes=0, learner="sb3")
+    assert estimate([new], [first, second], 1).seconds == pytest.approx((40.0 + 30.0,))
 
 
 def test_without_records_the_driving_agent_and_the_risk_model_are_counted_once():
