@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,7 +55,12 @@ class Options:
 
 
 def run(request: Request, options: Options) -> int:
-    """Run a request and print its table; the exit code."""
+    """Run a request and print its table; the exit code.
+
+    Raises:
+        UsageError: Something in the request or the options cannot be used.
+    """
+    _require_folder(options.results)
     executor = options.make_executor()
     with executor.ready():
         return _run(request, options, executor)
@@ -75,19 +81,35 @@ def _run(request: Request, options: Options, executor: LocalExecutor | RayExecut
         )
         return 130
     finished = sweep.finish(board, options.results)
-    _update_leaderboard(options.results)
-    print(_as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results))
+    compared = _update_leaderboard(options.results)
+    text = _as_text(finished, options.results, compared)
+    print(_as_json(finished, expansion.unavailable) if options.as_json else text)
     # With `all` an optional package may be missing; who names a method wants that method.
     missing = expansion.unavailable.keys() & set(split_names(request.algo))
     return 1 if finished.failed or missing else 0
 
 
-def _update_leaderboard(results: Path) -> None:
-    """Draw the leaderboard of the whole results folder again; records that are no good do not spoil this run."""
+def _require_folder(results: Path) -> None:
+    """Refuse what can never be a results folder before anything runs: a file, or a path below one."""
+    for path in (results, *results.parents):
+        if os.path.lexists(path) and not os.path.isdir(path):
+            raise UsageError(f"--results {results}: {path} is not a folder; give another name, or move it away.")
+
+
+def _update_leaderboard(results: Path) -> bool:
+    """Draw the leaderboard of the whole results folder again, if all is well there: this run is not spoilt if not."""
     try:
         leaderboard.write(results, leaderboard.rows(collect(results).records))
+        return True
     except BenchError as error:
         print(f"bench: the leaderboard was not written:\n{error}", file=sys.stderr)
+    except OSError as error:
+        print(
+            f"bench: the leaderboard was not written: {results}: {error.strerror or error}: make room there or make "
+            f"the folder writable, then type bench leaderboard --results {results}",
+            file=sys.stderr,
+        )
+    return False
 
 
 def _name_unavailable(unavailable: Mapping[str, str]) -> None:
@@ -111,7 +133,7 @@ def _as_json(finished: sweep.Sweep, unavailable: Mapping[str, str]) -> str:
     return json_text({"runs": runs, "results": finished.rows, "unavailable": dict(unavailable)})
 
 
-def _as_text(finished: sweep.Sweep, results: Path) -> str:
+def _as_text(finished: sweep.Sweep, results: Path, compared: bool) -> str:
     parts = [result_table(finished.rows)] if finished.rows else []
     parts += [
         f"failed: {run.spec.label}: {run.reason} (more: {results / 'runs' / run.spec.folder_name / 'FAILED'})"
@@ -119,7 +141,8 @@ def _as_text(finished: sweep.Sweep, results: Path) -> str:
     ]
     parts += [f"not run here: {run.spec.label}: {run.reason}" for run in finished.elsewhere]
     parts.append(f"{finished.board.summary()}.")
-    parts.append(f"Records: {results / 'runs'}; all of them compared: {results / 'leaderboard.md'}")
+    table = f"; all of them compared: {results / 'leaderboard.md'}" if compared else ""
+    parts.append(f"Records: {results / 'runs'}{table}")
     return "\n".join(parts)
 
 
@@ -155,7 +178,12 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def dry_run(request: Request, options: Options) -> int:
-    """List the runs of a request with their state and the time that they will take; the exit code."""
+    """List the runs of a request with their state and the time that they will take; the exit code.
+
+    Raises:
+        UsageError: Something in the request or the options cannot be used.
+    """
+    _require_folder(options.results)
     expansion = expand(request)
     workers = LocalExecutor(options.results, options.workers).workers
     board = sweep.plan(expansion.specs, options.results, workers, options.retry_failed)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import Result
 
 from algorithms import atomic
 from algorithms.registry import get_method
@@ -24,6 +25,7 @@ from tests.bench.killing import differences
 
 Make = Callable[..., RunSpec]
 MakeRecord = Callable[..., Path]
+Bench = Callable[..., Result]
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -151,3 +153,50 @@ def test_a_run_that_is_done_stays_whatever_is_asked_of_it(fakes: Path, tmp_path:
     board = sweep.plan([make_spec()], tmp_path, workers=1, retry_failed=True)
     sweep.execute(board, LocalExecutor(tmp_path, 1), Silent(board))
     assert content(record.path) == before
+
+
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+@pytest.mark.parametrize("below", [".", "deep/below"])
+def test_a_results_path_that_can_be_no_folder_is_refused_before_anything_runs(
+    fakes: Path, tmp_path: Path, bench: Bench, monkeypatch: pytest.MonkeyPatch, below: str, more: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(LocalExecutor, "execute", lambda *_: pytest.fail("it runs"))
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    result = bench("run", "--algo", "fake-scripted", "--results", file / below, *more)
+    assert result.exit_code == 2
+    assert (
+        result.stderr
+        == f"bench: --results {file / below}: {file} is not a folder; give another name, or move it away.\n"
+    )
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize(("number", "says"), [(28, "No space left on device"), (30, "Read-only file system")])
+def test_a_leaderboard_that_cannot_be_written_does_not_withhold_the_table(
+    fakes: Path, tmp_path: Path, make_record: MakeRecord, bench: Bench, monkeypatch: pytest.MonkeyPatch,
+    number: int, says: str,
+) -> None:  # fmt: skip
+    make_record(tmp_path, steps=4_000, eval_episodes=64)
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(atomic, "write_file", refuse)
+    result = bench("run", "--algo", "fake-learner", "--protocol", "smoke", "--results", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[2].split()[:4] == ["a-v1", "fake-learner", "T", "1"]
+    assert "leaderboard.md" not in result.stdout
+    line = result.stderr.splitlines()[-1]
+    assert line.startswith(f"bench: the leaderboard was not written: {tmp_path}: {says}: make room")
+    assert line.endswith(f"bench leaderboard --results {tmp_path}")
+
+
+def test_a_run_that_is_worked_on_elsewhere_is_no_failure(
+    fakes: Path, tmp_path: Path, make_spec: Make, bench: Bench
+) -> None:
+    with Store(tmp_path).begin(make_spec(steps=4_000, eval_episodes=64)):
+        result = bench("run", "--algo", "fake-learner", "--protocol", "smoke", "--results", tmp_path, "--workers", "1")
+    assert result.exit_code == 0, result.output
+    assert "not run here: fake-learner on a-v1, seed 0: " in result.stdout
+    assert f"process {os.getpid()}" in result.stdout
