@@ -15,10 +15,11 @@ from bench.errors import BenchError, UsageError
 from bench.estimate import estimate
 from bench.executors import LocalExecutor
 from bench.leaderboard import Row, collision_text
-from bench.progress import Phase, duration
+from bench.progress import Phase, RunStatus, duration
 from bench.protocols import Request, expand, split_names
 from bench.ray_executor import RayExecutor
 from bench.records import collect
+from bench.store import FAILED_FILE, Store
 from bench.text import columns, json_text
 from bench.tracking import require_tracker
 
@@ -135,15 +136,17 @@ def _as_json(finished: sweep.Sweep, unavailable: Mapping[str, str]) -> str:
 
 def _as_text(finished: sweep.Sweep, results: Path, compared: bool) -> str:
     parts = [result_table(finished.rows)] if finished.rows else []
-    parts += [
-        f"failed: {run.spec.label}: {run.reason} (more: {results / 'runs' / run.spec.folder_name / 'FAILED'})"
-        for run in finished.failed
-    ]
+    parts += [_failed_line(run, results) for run in finished.failed]
     parts += [f"not run here: {run.spec.label}: {run.reason}" for run in finished.elsewhere]
     parts.append(f"{finished.board.summary()}.")
     table = f"; all of them compared: {results / 'leaderboard.md'}" if compared else ""
     parts.append(f"Records: {results / 'runs'}{table}")
     return "\n".join(parts)
+
+
+def _failed_line(run: RunStatus, results: Path) -> str:
+    more = Store(results).folder(run.spec) / FAILED_FILE
+    return f"failed: {run.spec.label}: {run.reason}" + (f" (more: {more})" if more.exists() else "")
 
 
 def result_table(rows: Sequence[Row]) -> str:
@@ -201,6 +204,7 @@ def dry_run(request: Request, options: Options) -> int:
             "steps": status.spec.steps,
             "eval_episodes": status.spec.eval_episodes,
             "seconds": round(seconds.get(status.spec.hash, 0.0), 1),
+            "reason": status.reason,
         }
         for status in board.runs
     ]
@@ -215,6 +219,9 @@ def dry_run(request: Request, options: Options) -> int:
         for item in listed
     ]  # fmt: skip
     print(columns(("run", "state", "steps", "episodes", "time"), rows))
+    for status in board.runs:
+        if status.phase is Phase.FAILED:
+            print(_failed_line(status, options.results))
     print(
         f"{len(queued)} of {len(listed)} runs to do, about {duration(times.wall_s)} "
         f"with {workers} at a time ({times.basis})."
