@@ -119,7 +119,7 @@ def cells(run: RunStatus) -> tuple[str, str, str, str, str]:
     collisions = run.scalars.get("collision_rate")
     return (
         f"{run.stage} {run.percent:.0f} %" if run.stage else "starting",
-        f"{scale * run.rate:,.0f} {unit}" if run.done else "",
+        f"{scale * run.rate:,.0f} {unit}" if run.rate > 0.0 else "",
         "" if left is None else duration(left),
         "" if collisions is None else f"{100.0 * collisions:.1f} %",
         _memory(run),

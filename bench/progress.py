@@ -52,16 +52,18 @@ class RunStatus:
     seconds: float = 0.0
     _started: float = 0.0
     _stage_started: float = 0.0
+    _stage_done: int = 0
 
     def start(self, pid: int) -> None:
-        """A worker has taken the run."""
+        """A worker has taken the run, perhaps after another that died."""
         self.phase, self.pid = Phase.RUNNING, pid
+        self.stage, self.done, self._stage_done = "", 0, 0
         self._started = self._stage_started = time.monotonic()
 
     def advance(self, stage: str, done: int, total: int, scalars: Mapping[str, float]) -> None:
         """The worker has reported."""
         if stage != self.stage:
-            self.stage, self._stage_started = stage, time.monotonic()
+            self.stage, self._stage_started, self._stage_done = stage, time.monotonic(), done
         self.done, self.total = done, total
         self.scalars = {**self.scalars, **scalars}
 
@@ -72,9 +74,9 @@ class RunStatus:
 
     @property
     def rate(self) -> float:
-        """Steps or episodes per second in this stage."""
+        """Steps or episodes per second since this stage was first heard of; what it went on from does not count."""
         elapsed = time.monotonic() - self._stage_started
-        return self.done / elapsed if elapsed > 0.0 else 0.0
+        return (self.done - self._stage_done) / elapsed if elapsed > 0.0 else 0.0
 
     @property
     def eta_s(self) -> float | None:

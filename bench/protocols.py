@@ -22,6 +22,8 @@ from envs.scenario import STEP_S, Scenario, UnknownNameError, get_scenario
 
 ALL: Final = "all"
 """Stands for the six of the paper and the reference drivers; what is not installed is left out."""
+SEEDS_MAX: Final = 10_000
+"""Every seed is a run: a mistyped number must not fill the memory with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +115,17 @@ def parse_seeds(text: str) -> list[int]:
     """Seeds of ``5`` (0 to 4), ``0,1,7`` or ``7,`` (only 7).
 
     Raises:
-        UsageError: It is neither a positive number nor a list of different seeds.
+        UsageError: It is neither a positive number nor a list of different seeds, or more than `SEEDS_MAX`.
     """
+    listed = "," in text
     try:
-        seeds = [int(part) for part in text.split(",") if part.strip()] if "," in text else list(range(int(text)))
+        numbers = [int(part) for part in text.split(",") if part.strip() or not listed]
     except ValueError:
         raise UsageError(f"--seeds {text}: give a number of seeds, or a list such as 0,1,2.") from None
+    count = len(numbers) if listed else numbers[0]
+    if count > SEEDS_MAX:
+        raise UsageError(f"--seeds asks for {count} seeds: at most {SEEDS_MAX:,}; one alone is written as 7,")
+    seeds = numbers if listed else list(range(count))
     if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
         raise UsageError(f"--seeds {text}: give at least one seed, none negative, none twice.")
     return seeds

@@ -42,7 +42,8 @@ def repeat(record: Record, results: Path, quiet: bool) -> list[str]:
     """Run a record's specification again, with the same cache, and name what differs.
 
     Raises:
-        UsageError: The method's results have another version by now.
+        UsageError: The method's results have another version by now, or the results folder cannot be written.
+        RecordError: A file of the record is missing or was changed.
         RunFailedError: The run failed this time.
     """
     version = get_method(record.spec.method).version
@@ -51,10 +52,19 @@ def repeat(record: Record, results: Path, quiet: bool) -> list[str]:
             f"{record.path.name} is of version {record.spec.method_version} of {record.spec.method}, this is version "
             f"{version}: check out the commit that its run.json names."
         )
+    for name in record.seals:  # here as well as afterwards: a run may take hours
+        _seal(record, name)
+    cache = Store(results).cache
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"--results {results}: {cache}, where runs share what they train, cannot be made ({error.strerror}): "
+            "make the folder writable, or give another one."
+        ) from error
     with tempfile.TemporaryDirectory(prefix="rerun-") as scratch:
         folder = Path(scratch)
-        (results / "cache").mkdir(parents=True, exist_ok=True)
-        os.symlink((results / "cache").resolve(), folder / "cache")
+        os.symlink(cache.resolve(), folder / "cache")
         return list(differences(record, _run(record.spec, folder, quiet)))
 
 
@@ -77,8 +87,8 @@ def differences(record: Record, again: Record) -> Iterator[str]:
 
 
 def _seal(record: Record, name: str) -> str:
-    """What a file was sealed as; checked where it is there: of most runs the policy is not published."""
-    if (record.path / name).exists():
+    """What a file was sealed as, and still is; only a policy may be absent: most are not published."""
+    if Path(name).parts[0] != store.POLICY_FOLDER or (record.path / name).exists():
         record.sealed(name)
     return record.seals[name]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +15,11 @@ from bench.errors import BenchError, UsageError
 from bench.estimate import estimate
 from bench.executors import LocalExecutor
 from bench.leaderboard import Row, collision_text
-from bench.progress import Phase, duration
+from bench.progress import Phase, RunStatus, duration
 from bench.protocols import Request, expand, split_names
 from bench.ray_executor import RayExecutor
 from bench.records import collect, collect_readable
+from bench.store import FAILED_FILE, Store
 from bench.text import columns, json_text
 from bench.tracking import require_tracker
 
@@ -54,7 +56,12 @@ class Options:
 
 
 def run(request: Request, options: Options) -> int:
-    """Run a request and print its table; the exit code."""
+    """Run a request and print its table; the exit code.
+
+    Raises:
+        UsageError: Something in the request or the options cannot be used.
+    """
+    _require_folder(options.results)
     executor = options.make_executor()
     with executor.ready():
         return _run(request, options, executor)
@@ -75,19 +82,35 @@ def _run(request: Request, options: Options, executor: LocalExecutor | RayExecut
         )
         return 130
     finished = sweep.finish(board, options.results)
-    _update_leaderboard(options.results)
-    print(_as_json(finished, expansion.unavailable) if options.as_json else _as_text(finished, options.results))
+    compared = _update_leaderboard(options.results)
+    text = _as_text(finished, options.results, compared)
+    print(_as_json(finished, expansion.unavailable) if options.as_json else text)
     # With `all` an optional package may be missing; who names a method wants that method.
     missing = expansion.unavailable.keys() & set(split_names(request.algo))
     return 1 if finished.failed or missing else 0
 
 
-def _update_leaderboard(results: Path) -> None:
-    """Draw the leaderboard of the whole results folder again; records that are no good do not spoil this run."""
+def _require_folder(results: Path) -> None:
+    """Refuse what can never be a results folder before anything runs: a file, or a path below one."""
+    for path in (results, *results.parents):
+        if os.path.lexists(path) and not os.path.isdir(path):
+            raise UsageError(f"--results {results}: {path} is not a folder; give another name, or move it away.")
+
+
+def _update_leaderboard(results: Path) -> bool:
+    """Draw the leaderboard of the whole results folder again, if all is well there: this run is not spoilt if not."""
     try:
         leaderboard.write(results, leaderboard.rows(collect(results).records))
+        return True
     except BenchError as error:
         print(f"bench: the leaderboard was not written:\n{error}", file=sys.stderr)
+    except OSError as error:
+        print(
+            f"bench: the leaderboard was not written: {results}: {error.strerror or error}: make room there or make "
+            f"the folder writable, then type bench leaderboard --results {results}",
+            file=sys.stderr,
+        )
+    return False
 
 
 def _name_unavailable(unavailable: Mapping[str, str]) -> None:
@@ -111,16 +134,19 @@ def _as_json(finished: sweep.Sweep, unavailable: Mapping[str, str]) -> str:
     return json_text({"runs": runs, "results": finished.rows, "unavailable": dict(unavailable)})
 
 
-def _as_text(finished: sweep.Sweep, results: Path) -> str:
+def _as_text(finished: sweep.Sweep, results: Path, compared: bool) -> str:
     parts = [result_table(finished.rows)] if finished.rows else []
-    parts += [
-        f"failed: {run.spec.label}: {run.reason} (more: {results / 'runs' / run.spec.folder_name / 'FAILED'})"
-        for run in finished.failed
-    ]
+    parts += [_failed_line(run, results) for run in finished.failed]
     parts += [f"not run here: {run.spec.label}: {run.reason}" for run in finished.elsewhere]
     parts.append(f"{finished.board.summary()}.")
-    parts.append(f"Records: {results / 'runs'}; all of them compared: {results / 'leaderboard.md'}")
+    table = f"; all of them compared: {results / 'leaderboard.md'}" if compared else ""
+    parts.append(f"Records: {results / 'runs'}{table}")
     return "\n".join(parts)
+
+
+def _failed_line(run: RunStatus, results: Path) -> str:
+    more = Store(results).folder(run.spec) / FAILED_FILE
+    return f"failed: {run.spec.label}: {run.reason}" + (f" (more: {more})" if more.exists() else "")
 
 
 def result_table(rows: Sequence[Row]) -> str:
@@ -155,7 +181,12 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def dry_run(request: Request, options: Options) -> int:
-    """List the runs of a request with their state and the time that they will take; the exit code."""
+    """List the runs of a request with their state and the time that they will take; the exit code.
+
+    Raises:
+        UsageError: Something in the request or the options cannot be used.
+    """
+    _require_folder(options.results)
     expansion = expand(request)
     workers = LocalExecutor(options.results, options.workers).workers
     board = sweep.plan(expansion.specs, options.results, workers, options.retry_failed)
@@ -172,6 +203,7 @@ def dry_run(request: Request, options: Options) -> int:
             "steps": status.spec.steps,
             "eval_episodes": status.spec.eval_episodes,
             "seconds": round(seconds.get(status.spec.hash, 0.0), 1),
+            "reason": status.reason,
         }
         for status in board.runs
     ]
@@ -186,6 +218,9 @@ def dry_run(request: Request, options: Options) -> int:
         for item in listed
     ]  # fmt: skip
     print(columns(("run", "state", "steps", "episodes", "time"), rows))
+    for status in board.runs:
+        if status.phase is Phase.FAILED:
+            print(_failed_line(status, options.results))
     print(
         f"{len(queued)} of {len(listed)} runs to do, about {duration(times.wall_s)} "
         f"with {workers} at a time ({times.basis})."

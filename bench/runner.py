@@ -92,7 +92,8 @@ class _Attempt:
         task.checkpoints = FileCheckpoints(self.folder.checkpoints, identity, curve, self.interval)
         seed_global_generators(task, GLOBAL)
         leave_compiler_out()
-        self._reported("train", 0, self.spec.steps, {})
+        if not self.folder.checkpoints.exists():  # else the first amount told is the one it goes on from
+            self._reported("train", 0, self.spec.steps, {})
         with curve.clock:
             policy = method.train(task)
         self.stage = "write"

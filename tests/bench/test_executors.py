@@ -201,6 +201,25 @@ def test_the_live_table_shows_every_phase_without_reading_names_as_markup(make_s
     assert "2/6 done" in text
 
 
+def test_what_a_resumed_stage_went_on_from_is_not_in_its_rate(make_spec: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    run = RunStatus(make_spec())
+    run.start(os.getpid())
+    run.advance("train", 80_000, 100_000, {})
+    now += 10.0
+    assert run.rate == 0.0
+    assert run.eta_s is None
+    assert cells(run)[:3] == ("train 80 %", "", "")
+    run.advance("train", 84_000, 100_000, {})
+    assert run.rate == pytest.approx(400.0)
+    assert run.eta_s == pytest.approx(40.0)
+    run.start(os.getpid())  # another node: it goes on from a checkpoint
+    run.advance("train", 82_000, 100_000, {})
+    now += 10.0
+    assert run.rate == 0.0
+
+
 @pytest.mark.parametrize(("stage", "text"), [("risk model", "6 epochs/min"), ("evaluate", "0 episodes/s")])
 def test_a_slow_stage_has_a_rate_that_can_be_read(make_spec: Make, stage: str, text: str) -> None:
     run = RunStatus(make_spec(), _stage_started=time.monotonic() - 30.0)

@@ -1,12 +1,14 @@
 """Whatever goes wrong with one run, it is a row with its reason, and nothing that was done is changed."""
 
 import contextlib
+import json
 import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import Result
 
 from algorithms import atomic
 from algorithms.registry import get_method
@@ -24,6 +26,7 @@ from tests.bench.killing import differences
 
 Make = Callable[..., RunSpec]
 MakeRecord = Callable[..., Path]
+Bench = Callable[..., Result]
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -151,3 +154,114 @@ def test_a_run_that_is_done_stays_whatever_is_asked_of_it(fakes: Path, tmp_path:
     board = sweep.plan([make_spec()], tmp_path, workers=1, retry_failed=True)
     sweep.execute(board, LocalExecutor(tmp_path, 1), Silent(board))
     assert content(record.path) == before
+
+
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+@pytest.mark.parametrize("below", [".", "deep/below"])
+def test_a_results_path_that_can_be_no_folder_is_refused_before_anything_runs(
+    fakes: Path, tmp_path: Path, bench: Bench, monkeypatch: pytest.MonkeyPatch, below: str, more: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(LocalExecutor, "execute", lambda *_: pytest.fail("it runs"))
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    result = bench("run", "--algo", "fake-scripted", "--results", file / below, *more)
+    assert result.exit_code == 2
+    assert (
+        result.stderr
+        == f"bench: --results {file / below}: {file} is not a folder; give another name, or move it away.\n"
+    )
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize(("number", "says"), [(28, "No space left on device"), (30, "Read-only file system")])
+def test_a_leaderboard_that_cannot_be_written_does_not_withhold_the_table(
+    fakes: Path, tmp_path: Path, make_record: MakeRecord, bench: Bench, monkeypatch: pytest.MonkeyPatch,
+    number: int, says: str,
+) -> None:  # fmt: skip
+    make_record(tmp_path, steps=4_000, eval_episodes=64)
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(atomic, "write_file", refuse)
+    result = bench("run", "--algo", "fake-learner", "--protocol", "smoke", "--results", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[2].split()[:4] == ["a-v1", "fake-learner", "T", "1"]
+    assert "leaderboard.md" not in result.stdout
+    line = result.stderr.splitlines()[-1]
+    assert line.startswith(f"bench: the leaderboard was not written: {tmp_path}: {says}: make room")
+    assert line.endswith(f"bench leaderboard --results {tmp_path}")
+
+
+def _empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _halve(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("DONE", _empty),
+        ("run.json", _halve),
+        ("eval_episodes.parquet", _halve),
+        ("eval_episodes.parquet", Path.unlink),
+        ("train_episodes.parquet", Path.unlink),
+    ],
+)
+def test_a_damaged_record_is_a_failed_run_before_anything_trains_and_withholds_no_other(
+    fakes: Path, tmp_path: Path, make_record: MakeRecord, bench: Bench, name: str, damage: Callable[[Path], None]
+) -> None:
+    bad, good = (make_record(tmp_path, seed=seed, steps=4_000, eval_episodes=64) for seed in range(2))
+    damage(bad / name)
+    before = content(bad) | content(good)
+    arguments = ("run", "--algo", "fake-learner", "--protocol", "smoke", "--seeds", "2", "--results", tmp_path)
+    for more in ((), ("--retry-failed",)):
+        result = bench(*arguments, *more, "--json")
+        assert result.exit_code == 1
+        printed = json.loads(result.stdout)
+        assert [run["state"] for run in printed["runs"]] == ["failed", "done before"]
+        assert {row["seeds"] for row in printed["results"]} == {1}
+    assert content(bad) | content(good) == before
+    for shown in (result.stdout, bench(*arguments).stdout, bench(*arguments, "--dry-run").stdout):
+        assert f"{bad.name}/{name}" in shown
+        assert f"Folder: {bad}" in shown
+        assert "FAILED" not in shown
+
+
+def test_a_failure_that_cannot_be_read_is_a_failed_run_and_can_be_tried_again(
+    fakes: Path, tmp_path: Path, make_spec: Make
+) -> None:
+    with contextlib.suppress(RunFailedError):
+        run(make_spec(method="fake-failing"), tmp_path)
+    spec = make_spec(method="fake-failing")
+    folder = Store(tmp_path).folder(spec)
+    for damaged in ("", "{}"):
+        (folder / "FAILED").write_text(damaged)
+        (status,) = sweep.plan([spec], tmp_path, workers=1).runs
+        assert status.phase is Phase.FAILED
+        assert status.reason.endswith(f"Folder: {folder}")
+    (status,) = sweep.plan([spec], tmp_path, workers=1, retry_failed=True).runs
+    assert status.phase is Phase.QUEUED
+
+
+def test_a_record_that_is_damaged_while_others_run_withholds_none(tmp_path: Path, make_record: MakeRecord) -> None:
+    bad, good = make_record(tmp_path), make_record(tmp_path, seed=1)
+    board = sweep.plan([read_record(path).spec for path in (bad, good)], tmp_path, workers=1)
+    assert board.count(Phase.SKIPPED) == 2
+    _halve(bad / "eval_episodes.parquet")
+    finished = sweep.finish(board, tmp_path)
+    assert [run.reason.endswith(f"Folder: {bad}") for run in finished.failed] == [True]
+    assert {row["seeds"] for row in finished.rows} == {1}
+
+
+def test_a_run_that_is_worked_on_elsewhere_is_no_failure(
+    fakes: Path, tmp_path: Path, make_spec: Make, bench: Bench
+) -> None:
+    with Store(tmp_path).begin(make_spec(steps=4_000, eval_episodes=64)):
+        result = bench("run", "--algo", "fake-learner", "--protocol", "smoke", "--results", tmp_path, "--workers", "1")
+    assert result.exit_code == 0, result.output
+    assert "not run here: fake-learner on a-v1, seed 0: " in result.stdout
+    assert f"process {os.getpid()}" in result.stdout

@@ -42,6 +42,16 @@ def test_impossible_seeds_are_refused_by_name(text: str) -> None:
         parse_seeds(text)
 
 
+@pytest.mark.parametrize("text", ["1000000000", "10001", "1" + "0" * 30, ",".join(map(str, range(10_001)))])
+def test_more_seeds_than_anybody_means_are_refused_before_they_are_counted_out(text: str) -> None:
+    with pytest.raises(UsageError, match=r"--seeds asks for 10+1? seeds: at most 10,000"):
+        parse_seeds(text)
+
+
+def test_as_many_seeds_as_the_limit_allows_are_taken() -> None:
+    assert len(parse_seeds("10000")) == 10_000
+
+
 def test_the_protocols_have_the_budgets_of_the_method_page() -> None:
     assert {p.name: (p.steps, p.seeds, p.eval_episodes) for p in PROTOCOLS.values()} == {
         "smoke": (4_000, 1, 64),

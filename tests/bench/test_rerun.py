@@ -55,6 +55,36 @@ def test_a_record_that_is_not_what_was_sealed_is_refused(fakes: Path, tmp_path: 
         list(rerun.differences(one, same))
 
 
+@pytest.mark.parametrize("name", [store.TRAIN_FILE, store.SCALARS_FILE])
+def test_a_file_that_is_missing_is_refused_unless_it_is_the_policys(
+    fakes: Path, tmp_path: Path, make_spec: Make, name: str
+) -> None:
+    one, same = run(make_spec(), tmp_path / "1"), run(make_spec(), tmp_path / "2")
+    (one.path / name).unlink()
+    with pytest.raises(RecordError, match=f"{name} cannot be read"):
+        list(rerun.differences(one, same))
+
+
+def test_a_missing_file_is_told_before_anything_is_repeated(
+    fakes: Path, tmp_path: Path, make_spec: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = run(make_spec(), tmp_path)
+    (record.path / store.TRAIN_FILE).unlink()
+    monkeypatch.setattr(rerun, "_run", lambda *_: pytest.fail("it trains"))
+    done = CliRunner().invoke(app, ["rerun", record.path.name, "--results", str(tmp_path)])
+    assert done.exit_code == 1
+    assert f"{store.TRAIN_FILE} cannot be read" in done.stderr
+
+
+def test_a_results_folder_that_cannot_be_written_is_named(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
+    record = run(make_spec(), tmp_path)
+    (tmp_path / "cache").write_text("in the way")
+    done = CliRunner().invoke(app, ["rerun", record.path.name, "--results", str(tmp_path)])
+    assert done.exit_code == 2
+    assert f"bench: --results {tmp_path}: {tmp_path / 'cache'}" in done.stderr
+    assert "make the folder writable, or give another one" in done.stderr
+
+
 def test_other_sources_and_packages_are_named(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
     record = run(make_spec(), tmp_path)
     made_by = record.details["provenance"]

@@ -134,6 +134,23 @@ def test_sac_gives_the_same_bytes_twice(tmp_path: Path, make_spec: Make) -> None
     assert set(first.seals) - same == {store.RUN_FILE}
 
 
+def test_the_first_amount_told_of_a_training_is_where_it_goes_on_from(tmp_path: Path, make_spec: Make) -> None:
+    spec = make_spec(method="sac", method_version=get_method("sac").version, steps=1_600, eval_episodes=8)
+    told: list[int] = []
+
+    def stop(stage: str, done: int, *_: object) -> None:
+        told.append(done)
+        if stage == "train" and done >= 1_200:
+            raise SystemExit
+
+    with pytest.raises(SystemExit):
+        run(spec, tmp_path, stop, checkpoint_every=Interval(1e9, 400))
+    assert told[0] == 0
+    told.clear()
+    run(spec, tmp_path, lambda stage, done, *_: told.append(done) if stage == "train" else None)
+    assert 400 <= told[0] < 1_600
+
+
 def test_a_done_run_is_not_run_again(fakes: Path, tmp_path: Path, make_spec: Make) -> None:
     run(make_spec(), tmp_path)
     with pytest.raises(AlreadyDoneError):
