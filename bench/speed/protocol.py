@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 from unittest import mock
 
-from bench.protocols import Request, expand
+from bench.protocols import PROTOCOLS, Request, expand
 from bench.runner import run
 from bench.spec import RunSpec
 
@@ -22,6 +22,7 @@ REPLAY, OTHER = "replay", "other"
 PARTS: Final = (ENGINE, GUARD, RISK_MODEL, POLICY, UPDATE, REPLAY, STORE, OTHER)
 SHARED: Final = "shared"
 """Training of what all seeds share, driving agent and risk model: no part of a run, whichever seed comes first."""
+WARM_UP: Final = PROTOCOLS["smoke"]
 
 
 @dataclass(slots=True)
@@ -116,10 +117,9 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
         ``share`` by part and ``steps_per_s`` of training (simulation steps of 0.1 s), both without the ``shared_s``
         that training what all seeds share took; ``evaluate_s`` for ``eval_episodes``; ``seconds`` in all.
     """
-    places = _places(spec)  # imports what trains: in `bench run`, workers are forked from a process that has done so
     watch = Stopwatch()
     with ExitStack() as stack:
-        for owner, name, part in places:
+        for owner, name, part in _places(spec):
             stack.enter_context(watch.timed(owner, name, part))
         record = run(spec, results)
     timing = record.details["timing"]
@@ -134,6 +134,12 @@ def profile(spec: RunSpec, results: Path) -> dict[str, Any]:
     }
 
 
+def _small(spec: RunSpec) -> RunSpec:
+    """A run that imports and compiles what a process or a machine does once; that is no part of a run."""
+    update = {"steps": min(spec.steps, WARM_UP.steps), "eval_episodes": WARM_UP.eval_episodes}
+    return spec.model_copy(update=update)
+
+
 def protocol(request: Request) -> dict[str, dict[str, Any]]:
     """Profile of one run (seed 0) of each method of a request, one after another in this process, on one thread.
 
@@ -145,6 +151,7 @@ def protocol(request: Request) -> dict[str, dict[str, Any]]:
     measured: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for number, spec in enumerate(specs):
+            run(_small(spec), Path(folder) / f"{number}-warm-up")
             measured.setdefault(spec.method, profile(spec, Path(folder) / str(number)))
     return measured
 
