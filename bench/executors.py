@@ -62,7 +62,9 @@ class LocalExecutor:
     def _fill(self, count: int) -> None:
         missing = count - len(self._pool)
         if missing > 0:
-            self._pool += [self._start(core) for core in self._cores(count)[-missing:]]
+            cores = self._cores(count)[-missing:]  # measures load for 0.1 s, while the fork server imports
+            await_fork_server()
+            self._pool += [self._start(core) for core in cores]
 
     def execute(self, board: Board, display: Display) -> None:
         """Run every queued run of the board to its end.
@@ -73,7 +75,6 @@ class LocalExecutor:
         queue = deque(run for run in board.runs if run.phase is Phase.QUEUED)
         try:
             warm_up()
-            await_fork_server()
             self._fill(min(self.workers, len(queue)))
             while queue or any(member.run for member in self._pool):
                 self._hand_out(queue, display)

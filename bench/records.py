@@ -173,21 +173,26 @@ def collect_existing(results: Path) -> Collection:
     return collect(results)
 
 
-def collect(results: Path) -> Collection:
+def collect(results: Path, known: Iterable[Record] = ()) -> Collection:
     """All runs of a results folder.
+
+    Args:
+        results: The folder.
+        known: Records that have been read before, and are not read again.
 
     Raises:
         RecordError: Some cannot be used; the message names each of them with the remedy.
     """
-    collection, errors = collect_readable(results)
+    collection, errors = collect_readable(results, known)
     errors += mixed_versions(collection.records)
     if errors:
         raise RecordError("\n".join(errors))
     return collection
 
 
-def collect_readable(results: Path) -> tuple[Collection, list[str]]:
+def collect_readable(results: Path, known: Iterable[Record] = ()) -> tuple[Collection, list[str]]:
     """The runs of a results folder that can be read, of whatever versions, and a line for each that cannot."""
+    read = {record.path: record for record in known}
     records: list[Record] = []
     missing: list[Missing] = []
     errors: list[str] = []
@@ -195,7 +200,7 @@ def collect_readable(results: Path) -> tuple[Collection, list[str]]:
         try:
             state = store.folder_state(path)
             if state is State.DONE:
-                records.append(read_record(path))
+                records.append(read.get(path) or read_record(path))
             elif (path / store.RUN_FILE).exists() or not _only_leftovers(path):
                 missing.append(Missing(_read_run(path)[0], state, store.read_failure(path)))
         except RecordError as error:

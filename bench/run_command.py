@@ -18,7 +18,7 @@ from bench.leaderboard import Row, collision_text
 from bench.progress import Phase, RunStatus, duration
 from bench.protocols import Request, expand, split_names
 from bench.ray_executor import RayExecutor
-from bench.records import collect, collect_readable
+from bench.records import Record, collect, collect_readable
 from bench.store import FAILED_FILE, Store
 from bench.text import columns, json_text
 from bench.tracking import require_tracker
@@ -82,7 +82,7 @@ def _run(request: Request, options: Options, executor: LocalExecutor | RayExecut
         )
         return 130
     finished = sweep.finish(board, options.results)
-    compared = _update_leaderboard(options.results)
+    compared = _update_leaderboard(options.results, finished.records)
     text = _as_text(finished, options.results, compared)
     print(_as_json(finished, expansion.unavailable) if options.as_json else text)
     # With `all` an optional package may be missing; who names a method wants that method.
@@ -97,10 +97,10 @@ def _require_folder(results: Path) -> None:
             raise UsageError(f"--results {results}: {path} is not a folder; give another name, or move it away.")
 
 
-def _update_leaderboard(results: Path) -> bool:
+def _update_leaderboard(results: Path, known: Sequence[Record]) -> bool:
     """Draw the leaderboard of the whole results folder again, if all is well there: this run is not spoilt if not."""
     try:
-        leaderboard.write(results, leaderboard.rows(collect(results).records))
+        leaderboard.write(results, leaderboard.rows(collect(results, known).records))
         return True
     except BenchError as error:
         print(f"bench: the leaderboard was not written:\n{error}", file=sys.stderr)

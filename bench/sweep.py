@@ -21,10 +21,12 @@ class Sweep:
 
     Attributes:
         board: Their last statuses.
-        rows: Leaderboard rows of those that are done, and of these only.
+        records: Of those that are done, and of these only.
+        rows: Their rows of the leaderboard.
     """
 
     board: Board
+    records: list[Record]
     rows: list[leaderboard.Row]
 
     @property
@@ -99,4 +101,4 @@ def finish(board: Board, results: Path) -> Sweep:
                 done.append(record)
             except RecordError as error:
                 run.phase, run.reason = Phase.FAILED, _damaged(folder, error)
-    return Sweep(board, leaderboard.rows(done))
+    return Sweep(board, done, leaderboard.rows(done))

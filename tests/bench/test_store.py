@@ -283,3 +283,9 @@ def test_several_bad_records_are_all_named(tmp_path: Path, make_record: MakeReco
 def test_an_empty_results_folder_is_an_empty_collection(tmp_path: Path) -> None:
     assert collect(tmp_path / "nothing") == collect(tmp_path)
     assert not collect(tmp_path).records
+
+
+def test_records_that_are_known_are_not_read_again(standard_results: Path) -> None:
+    first = collect(standard_results).records
+    again = collect(standard_results, known=first[1:]).records
+    assert [one is other for one, other in zip(first, again, strict=True)] == [False, *[True] * (len(first) - 1)]
