@@ -1,6 +1,5 @@
 """The CMDP face of a vector environment, and what it leaves behind; needs no OmniSafe but where it says so."""
 
-import importlib.util
 import os
 import random
 import sys
@@ -18,11 +17,9 @@ from algorithms.omnisafe_library import omnisafe_module, process_state_kept
 from algorithms.registry import UnavailableMethodError, get_method, list_methods
 from envs.scenario import get_scenario
 from tests.algorithms.omnisafe_toys import BOUND, HORIZON, Push
+from tests.optional import needs_omnisafe
 
 NAMES = ("cpo", "focops", "trpo-lag", "omnisafe")
-needs_omnisafe = pytest.mark.skipif(
-    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-)
 
 
 def cmdp(vector, epochs=None):

@@ -1,7 +1,6 @@
 """OmniSafe's algorithms through our adapter, on tasks whose answer is known."""
 
 import contextlib
-import importlib.util
 import tempfile
 
 import numpy as np
@@ -22,10 +21,9 @@ from tests.algorithms.omnisafe_toys import (
     Push,
     single_world_cmdp,
 )
+from tests.optional import needs_omnisafe
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-)
+pytestmark = needs_omnisafe
 MAIN = ("CPO", "FOCOPS", "TRPOLag")
 
 

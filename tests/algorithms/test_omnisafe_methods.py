@@ -1,6 +1,5 @@
 """The methods on our scenarios: budget, settings, policies; every algorithm at smoke budget."""
 
-import importlib.util
 import math
 
 import numpy as np
@@ -20,10 +19,8 @@ from bench.protocols import PROTOCOLS, Request, expand
 from envs.observation import OBSERVATION_SIZE
 from envs.scenario import UnknownNameError, get_scenario
 from envs.world import Ending
+from tests.optional import needs_omnisafe
 
-needs_omnisafe = pytest.mark.skipif(
-    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-)
 LAGRANGIAN = {"CPPOPID", "CUP", "FOCOPS", "IPO", "PDO", "PPOLag", "RCPO", "TRPOLag", "TRPOPID"}
 SECOND_ORDER_OR_PENALTY = {"CPO", "IPO", "OnCRPO", "P3O", "PCPO"}
 UNCONSTRAINED = {"NaturalPG", "PPO", "PolicyGradient", "TRPO"}

@@ -1,6 +1,5 @@
 """Decisions a second of our CPO against OmniSafe's own, side by side: processors differ by more than two."""
 
-import importlib.util
 import time
 
 import gymnasium
@@ -12,12 +11,11 @@ from algorithms.omnisafe_library import close_logger, omnisafe_module, process_s
 from algorithms.registry import get_method
 from envs.observation import OBSERVATION_SIZE
 from envs.scenario import get_scenario
+from tests.optional import needs_omnisafe
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(
-        importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-    ),
+    needs_omnisafe,
 ]
 WORLDS, EPISODE = 16, 120
 ASKED, STOCK = 5000.0, 2600.0

@@ -1,6 +1,5 @@
 """The faster loops give OmniSafe's numbers, bit for bit."""
 
-import importlib.util
 from types import SimpleNamespace
 
 import gymnasium
@@ -20,10 +19,7 @@ from algorithms.omnisafe_speed import (
     lean_step,
     remembering,
 )
-
-needs_omnisafe = pytest.mark.skipif(
-    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-)
+from tests.optional import needs_omnisafe
 
 
 @pytest.mark.parametrize("size", [1, 7, 64, 100])

@@ -1,6 +1,5 @@
 """What `bench doctor` says of OmniSafe."""
 
-import importlib.util
 import json
 import sys
 
@@ -9,12 +8,10 @@ import pytest
 from algorithms.omnisafe_library import omnisafe_module
 from algorithms.registry import list_methods
 from bench import doctor
+from tests.optional import needs_omnisafe
 
 BASELINES = ("cpo", "focops", "trpo-lag", "omnisafe")
 INSTALL = "Install it with: pip install --no-deps omnisafe==0.5.0 pyyaml tqdm"
-needs_omnisafe = pytest.mark.skipif(
-    importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed (requirements/omnisafe.txt)"
-)
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,5 @@
 """The estimate of `bench run --dry-run`: rates of records, setup once, workers in turn."""
 
-import importlib.util
 from types import SimpleNamespace
 
 import pytest
@@ -15,8 +14,7 @@ from bench.estimate import (
     estimate,
 )
 from bench.provenance import CODE, cpu_model
-
-needs_omnisafe = pytest.mark.skipif(importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed")
+from tests.optional import needs_omnisafe
 
 
 def spec(method="sac", scenario="a", steps=1_000, episodes=100, **settings):

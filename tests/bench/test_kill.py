@@ -1,6 +1,5 @@
 """A run that is killed, whenever, goes on to the same bytes as one that is not."""
 
-import importlib.util
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,13 +9,13 @@ import pytest
 from algorithms.registry import get_method
 from bench.spec import RunSpec
 from tests.bench.killing import Killing, differences, leftovers
+from tests.optional import needs_omnisafe
 
 Make = Callable[..., RunSpec]
 KILLS = 20
 STEPS = 4_000
 """A second or two of training, in ten parts for SAC, in four epochs on policy."""
 EPOCHS = {"epoch_decisions": "200", "least_epochs": "4"}
-needs_omnisafe = pytest.mark.skipif(importlib.util.find_spec("omnisafe") is None, reason="omnisafe is not installed")
 
 
 def test_a_kill_in_the_middle_of_sac_leaves_no_trace_in_its_record(tmp_path: Path, make_spec: Make) -> None:
