@@ -6,7 +6,6 @@ import math
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Final, cast
 
 import numpy as np
@@ -14,28 +13,30 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import SAC as StableBaselinesSAC
 from torch import Tensor, nn
-from torch.optim.adam import adam
 
+from algorithms import sac_kernels
+from algorithms.minibatch import Minibatch
 from algorithms.packed_replay import PackedReplayBuffer
 from algorithms.perceptron import (
     ACTOR,
     FIRST,
     SECOND,
     FlatModule,
-    Layer,
     Workspace,
     linear_layers,
     processor_rounds,
-    through_relu,
+    shared,
 )
+from algorithms.sac_kernels import Single
 
-LOG_STD_MIN: Final = -20.0
-LOG_STD_MAX: Final = 2.0
-SQUASH_EPSILON: Final = 1e-6
+LOG_STD_MIN: Final = np.float32(-20.0)
+LOG_STD_MAX: Final = np.float32(2.0)
+SQUASH_EPSILON: Final = np.float32(1e-6)
 """stable-baselines3's constants of the squashed Gaussian."""
-HALF_LOG_TWO_PI: Final = 0.5 * math.log(2.0 * math.pi)
+HALF_LOG_TWO_PI: Final = np.float32(0.5 * math.log(2.0 * math.pi))
 _MADE_BY_SETUP: Final = (
     "_flat_actor", "_online", "_slow", "_space", "_trunk", "_mean", "_log_std", "_critics", "_targets",
+    "_minibatches",
 )  # fmt: skip
 
 
@@ -48,10 +49,10 @@ def adam_step(optimizer: torch.optim.Optimizer) -> None:
         state["step"] = torch.zeros(())
         state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(parameter), torch.zeros_like(parameter)
     beta1, beta2 = group["betas"]
-    adam(
+    state["step"] += 1
+    torch.ops.aten._fused_adam_.default(
         [parameter], [parameter.grad], [state["exp_avg"]], [state["exp_avg_sq"]], [], [state["step"]],
-        fused=True, amsgrad=False, beta1=beta1, beta2=beta2, lr=group["lr"], weight_decay=0.0, eps=group["eps"],
-        maximize=False,
+        amsgrad=False, beta1=beta1, beta2=beta2, lr=group["lr"], weight_decay=0.0, eps=group["eps"], maximize=False,
     )  # fmt: skip
 
 
@@ -96,6 +97,7 @@ class FastSAC(StableBaselinesSAC):
             group = module.optimizer.param_groups[0]
             module.optimizer = torch.optim.Adam([flat.vector], lr=group["lr"], fused=True)
         self._space = Workspace(self.rounded)
+        self._minibatches: dict[int, Minibatch] = {}
         # Mean and log standard deviation are two heads on one trunk.
         self._trunk = linear_layers(self.actor.latent_pi)
         (self._mean,) = linear_layers(cast(nn.Linear, self.actor.mu))
@@ -135,104 +137,113 @@ class FastSAC(StableBaselinesSAC):
         for flat in (self._flat_actor, self._online, self._slow):
             flat.gather()
         assert self.ent_coef_optimizer is not None
+        assert isinstance(self.replay_buffer, PackedReplayBuffer)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
-        sums = np.zeros(3)
+        batch = self._minibatch(batch_size)
+        # All that is random is drawn first: between updates, which empty the caches, a draw takes several times as long.
+        chosen = [self.replay_buffer.draw(batch_size) for _ in range(gradient_steps)]
+        noise = shared(gradient_steps, 2 * batch_size, batch.actions)
+        for half in noise.tensor.view(2 * gradient_steps, -1):
+            half.normal_()
+        losses = shared(gradient_steps, 3, batch_size)  # the actor's and both critics': their means can wait, too
+        alphas = []
         with torch.no_grad(), denormals_are_zero():
-            for _ in range(gradient_steps):
-                sums += self._update(batch_size)
+            for update in range(gradient_steps):
+                batch.take(self.replay_buffer.transitions, chosen[update], noise.array[update])
+                alphas.append(self._update(batch, losses.array[update]))
+        actor, first, second = losses.tensor.mean(2).double().t()
         self._n_updates += gradient_steps
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
-        for key, value in zip(("ent_coef", "actor_loss", "critic_loss"), sums / gradient_steps, strict=True):
-            self.logger.record(f"train/{key}", value)
+        self.logger.record("train/ent_coef", sum(alphas) / gradient_steps)
+        self.logger.record("train/actor_loss", sum(actor.tolist()) / gradient_steps)
+        self.logger.record("train/critic_loss", sum((0.5 * first + 0.5 * second).tolist()) / gradient_steps)
 
-    def _update(self, batch_size: int) -> tuple[float, float, float]:
-        """One update; temperature, actor loss and critic loss."""
-        assert isinstance(self.replay_buffer, PackedReplayBuffer)
-        rows = self.replay_buffer.sample_rows(batch_size)
-        n, a = self.observation_space.shape[0], self.action_space.shape[0]  # type: ignore[index]
-        states, next_states = rows[:, :n], rows[:, n + a + 2 :]
-        reward, terminated = rows[:, n + a], rows[:, n + a + 1]
-        noise = torch.cat([torch.randn(batch_size, a) for _ in range(2)])
-        both = self._sample_actions(torch.cat([states, next_states]), noise)
-        sample = both.first(batch_size)
-        next_actions, next_log_prob = both.action[batch_size:], both.log_prob[batch_size:]
-        alpha = self._update_temperature(sample.log_prob)
-        value = self._least_value(self._targets, torch.cat([next_states, next_actions], 1))
-        target = reward + (1.0 - terminated) * self.gamma * (value - alpha * next_log_prob)
-        critic_loss = self._update_critics(rows[:, : n + a].contiguous(), target)
-        actor_loss = self._update_actor(states, sample, alpha)
+    def _minibatch(self, size: int) -> Minibatch:
+        if size not in self._minibatches:
+            self._minibatches[size] = Minibatch(size, self.observation_space.shape[0], self.action_space.shape[0])  # type: ignore[index]
+        return self._minibatches[size]
+
+    def _update(self, batch: Minibatch, losses: Single) -> float:
+        """One update; the temperature before it. Terms of the losses: actor, both critics, shape (3, batch)."""
+        hidden = self._sample_actions(batch)
+        alpha = self._update_temperature(batch)
+        self._update_critics(batch, alpha, losses[1:])
         self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
-        return alpha, actor_loss, critic_loss
+        self._update_actor(batch, hidden, alpha, losses[0])
+        return alpha
 
-    def _least_value(self, critics: list[list[Layer]], state_action: Tensor) -> Tensor:
-        """The smaller of both critics' values, shape (batch,)."""
-        return torch.minimum(*(self._space.forward(critic, state_action, FIRST)[-1] for critic in critics))[:, 0]
-
-    def _sample_actions(self, states: Tensor, noise: Tensor) -> _Sample:
-        """Squashed Gaussian actions of the actor, their log-probabilities, and what their gradients need."""
+    def _sample_actions(self, batch: Minibatch) -> list[Tensor]:
+        """Squashed Gaussian actions and their log-probabilities; input and hidden layers of the actor's trunk."""
         # The trunk ends in a ReLU of its own.
-        activations = self._space.forward([*self._trunk, self._mean], states, ACTOR)
-        hidden, mean = activations[-2], activations[-1]
-        raw = torch.addmm(self._log_std.bias, hidden, self._log_std.transposed)
-        log_std = raw.clamp(LOG_STD_MIN, LOG_STD_MAX)
-        std = log_std.exp()
-        action = torch.tanh(mean + std * noise)
-        slope = 1.0 - action * action
-        log_prob = (-0.5 * noise * noise - log_std - HALF_LOG_TWO_PI - (slope + SQUASH_EPSILON).log()).sum(1)
-        return _Sample(activations[:-1], action, slope, noise, std, raw, log_prob)
+        hidden = self._space.forward([*self._trunk, self._mean], batch.states.tensor, ACTOR, batch.mean.tensor)[:-1]
+        torch.addmm(self._log_std.bias, hidden[-1], self._log_std.transposed, out=batch.raw_log_std.tensor)
+        torch.clamp(batch.raw_log_std.tensor, float(LOG_STD_MIN), float(LOG_STD_MAX), out=batch.log_std.tensor)
+        torch.exp(batch.log_std.tensor, out=batch.std.tensor)
+        sac_kernels.add_noise(batch.mean.array, batch.std.array, batch.noise, batch.action.array)
+        batch.action.tensor.tanh_()
+        sac_kernels.slope_of_tanh(batch.action.array, SQUASH_EPSILON, batch.slope.array, batch.log_slope.array)
+        batch.log_slope.tensor.log_()
+        sac_kernels.log_probability(
+            batch.noise, batch.log_std.array, batch.log_slope.array, HALF_LOG_TWO_PI, batch.action.array,
+            batch.log_prob.array, batch.policy_action.array, batch.next_action.array,
+        )  # fmt: skip
+        return hidden
 
-    def _update_temperature(self, log_prob: Tensor) -> float:
+    def _update_temperature(self, batch: Minibatch) -> float:
         """Temperature before this step's update, which follows."""
         assert self.log_ent_coef is not None
         assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
+        log_prob = batch.log_prob.tensor[: batch.size]
         self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
         adam_step(self.ent_coef_optimizer)
         return alpha
 
-    def _update_critics(self, state_action: Tensor, target: Tensor) -> float:
-        """Half the sum of both critics' mean squared errors."""
-        loss = 0.0
-        for critic in self._critics:
-            activations = self._space.forward(critic, state_action, FIRST)
-            error = activations[-1][:, 0] - target
-            loss += 0.5 * float(error.square().mean())
-            self._space.backward(critic, activations, (error / len(error))[:, None], weights=True, inputs=0)
+    def _update_critics(self, batch: Minibatch, alpha: float, losses: Single) -> None:
+        """One step of both critics; terms of their mean squared errors go to `losses`, shape (2, batch)."""
+        for target, value in zip(self._targets, batch.values, strict=True):
+            self._space.forward(target, batch.next_action.tensor, FIRST, value.tensor)
+        first, second = (value.array for value in batch.values)
+        sac_kernels.bellman_target(
+            batch.reward.array, batch.goes_on.array, np.float32(self.gamma), first, second, np.float32(alpha),
+            batch.log_prob.array, batch.target.array,
+        )  # fmt: skip
+        for critic, value, slope, loss in zip(self._critics, batch.values, batch.slopes, losses, strict=True):
+            activations = self._space.forward(critic, batch.state_action.tensor, FIRST, value.tensor)
+            sac_kernels.squared_error(value.array, batch.target.array, loss, slope.array)
+            self._space.write_gradients(critic, activations, slope.tensor)
         adam_step(self.critic.optimizer)
-        return loss
 
-    def _update_actor(self, states: Tensor, sample: _Sample, alpha: float) -> float:
-        """Mean of alpha log pi - min Q."""
-        batch, action = len(states), sample.action
-        state_action = torch.cat([states, action], 1)
+    def _update_actor(self, batch: Minibatch, hidden: list[Tensor], alpha: float, loss: Single) -> None:
+        """One step of the actor; alpha log pi - min Q goes to `loss`, shape (batch,)."""
         passes = [
-            self._space.forward(critic, state_action, holder)
-            for critic, holder in zip(self._critics, (FIRST, SECOND), strict=True)
+            self._space.forward(critic, batch.policy_action.tensor, holder, value.tensor)
+            for critic, holder, value in zip(self._critics, (FIRST, SECOND), batch.values, strict=True)
         ]
-        first = passes[0][-1] <= passes[1][-1]
-        value = torch.where(first, passes[0][-1], passes[1][-1])[:, 0]
-        gradient = torch.zeros_like(action)
-        for critic, hidden, chosen in zip(self._critics, passes, (first, ~first), strict=True):
-            weight = chosen.to(action.dtype) * (-1.0 / batch)
-            through = self._space.backward(critic, hidden, weight, weights=False, inputs=action.shape[1])
-            assert through is not None
-            gradient += through
-        # d log pi / d action = 2 a / (1 - a^2 + eps); action = tanh(mean + std * noise).
-        gradient += (2.0 * alpha / batch) * action / (sample.slope + SQUASH_EPSILON)
-        to_mean = gradient * sample.slope
-        to_log_std = to_mean * sample.std * sample.noise - alpha / batch
-        to_log_std *= (sample.raw_log_std >= LOG_STD_MIN) & (sample.raw_log_std <= LOG_STD_MAX)
-        self._backward_actor(sample.activations, to_mean, to_log_std)
+        first, second = batch.values
+        to_first, to_second = batch.slopes
+        sac_kernels.least_value(
+            first.array, second.array, np.float32(alpha), batch.log_prob.array, to_first.array, to_second.array, loss
+        )
+        for critic, activations, slope, through in zip(self._critics, passes, batch.slopes, batch.through, strict=True):
+            self._space.gradient_of_inputs(critic, activations, slope.tensor, batch.actions, through.tensor)
+        through_first, through_second = batch.through
+        sac_kernels.through_action(
+            through_first.array, through_second.array, np.float32(2.0 * alpha / batch.size), batch.action.array,
+            batch.slope.array, SQUASH_EPSILON, batch.std.array, batch.noise, np.float32(alpha / batch.size),
+            batch.raw_log_std.array, LOG_STD_MIN, LOG_STD_MAX, batch.to_mean.array, batch.to_log_std.array,
+        )  # fmt: skip
+        self._backward_actor([layer[: batch.size] for layer in hidden], batch.to_mean.tensor, batch.to_log_std.tensor)
         adam_step(self.actor.optimizer)
-        return float((alpha * sample.log_prob - value).mean())
 
-    def _backward_actor(self, activations: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
+    def _backward_actor(self, hidden: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
         """Write the actor's gradients from those of its two heads."""
-        hidden = activations[-1]
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
-            self._space.write_gradient(head, incoming, hidden)
+            torch.mm(incoming.t(), hidden[-1], out=head.weight_gradient)
+            torch.sum(incoming, 0, out=head.bias_gradient.tensor)
         gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
-        self._space.backward(self._trunk, activations[:-1], through_relu(gradient, hidden), weights=True, inputs=0)
+        self._space.through_relu(gradient.numpy(), hidden[-1], self._trunk[-1])
+        self._space.write_inner_gradients(self._trunk, hidden[:-1], gradient)
 
 
 class HalfFastSAC(FastSAC):
@@ -248,27 +259,6 @@ class HalfFastSAC(FastSAC):
         if not processor_rounds():
             raise ValueError("sac.learner=bf16: no products in bfloat16 on this processor; leave it at fast")
         super()._setup_model()
-
-
-@dataclass(slots=True)
-class _Sample:
-    """Actions with all that their gradients need, each of shape (batch, actions), log_prob (batch,).
-
-    The activations of the actor's trunk are those of the last sample only.
-    """
-
-    activations: list[Tensor]
-    action: Tensor
-    slope: Tensor
-    noise: Tensor
-    std: Tensor
-    raw_log_std: Tensor
-    log_prob: Tensor
-
-    def first(self, rows: int) -> _Sample:
-        """The first rows."""
-        rest = (self.action, self.slope, self.noise, self.std, self.raw_log_std, self.log_prob)
-        return _Sample([layer[:rows] for layer in self.activations], *(tensor[:rows] for tensor in rest))
 
 
 @contextmanager

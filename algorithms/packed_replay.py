@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
+import numpy.typing as npt
 from stable_baselines3.common.buffers import ReplayBuffer
-from torch import Tensor
 
 
 class PackedReplayBuffer(ReplayBuffer):
@@ -43,10 +42,14 @@ class PackedReplayBuffer(ReplayBuffer):
             self.full = True
             self.pos = 0
 
-    def sample_rows(self, batch_size: int) -> Tensor:
-        """Uniformly drawn transitions, shape (batch, row)."""
+    @property
+    def transitions(self) -> npt.NDArray[np.float32]:
+        """All rows, shape (buffer_size x worlds, row)."""
+        return self.rows.reshape(-1, self.rows.shape[-1])
+
+    def draw(self, batch_size: int) -> npt.NDArray[np.int64]:
+        """Uniformly drawn indices into `transitions`, shape (batch,)."""
         upper = self.buffer_size if self.full else self.pos
         times = np.random.randint(0, upper, size=batch_size)  # noqa: NPY002  the original's generator
         worlds = np.random.randint(0, high=self.n_envs, size=(batch_size,))  # noqa: NPY002
-        flat = self.rows.reshape(-1, self.rows.shape[-1])
-        return torch.from_numpy(flat.take(times * self.n_envs + worlds, axis=0))
+        return times * self.n_envs + worlds

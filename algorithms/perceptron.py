@@ -4,14 +4,29 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-_RELU_BACKWARD: Final = torch.ops.aten.threshold_backward.grad_input
+from algorithms import sac_kernels
+from algorithms.sac_kernels import Single
+
 WIDE: Final = 128
 """Least inputs and outputs of a layer whose products are rounded to bfloat16; below, that is slower."""
+
+
+class Shared(NamedTuple):
+    """The same memory for torch and for compiled code."""
+
+    tensor: Tensor
+    array: Single
+
+
+def shared(*shape: int) -> Shared:
+    """Memory for so many numbers."""
+    tensor = torch.zeros(*shape)
+    return Shared(tensor, tensor.numpy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +34,8 @@ class Layer:
     """A linear layer as products see it.
 
     Attributes:
+        inputs: Their number.
+        outputs: Likewise.
         weight: Shape (outputs, inputs).
         transposed: A view of it, shape (inputs, outputs).
         wide: Whether a processor's matrix unit pays.
@@ -27,12 +44,14 @@ class Layer:
         bias_gradient: Likewise.
     """
 
+    inputs: int
+    outputs: int
     weight: Tensor
     transposed: Tensor
     wide: bool
     bias: Tensor
     weight_gradient: Tensor
-    bias_gradient: Tensor
+    bias_gradient: Shared
 
 
 class FlatModule:
@@ -73,7 +92,13 @@ def linear_layers(module: nn.Module) -> list[Layer]:
             assert child.weight.grad is not None
             assert child.bias.grad is not None
             weight, wide = child.weight.data, min(child.weight.shape) >= WIDE
-            found.append(Layer(weight, weight.t(), wide, child.bias.data, child.weight.grad, child.bias.grad))
+            by_bias = Shared(child.bias.grad, child.bias.grad.numpy())
+            found.append(
+                Layer(
+                    child.in_features, child.out_features, weight, weight.t(), wide, child.bias.data,
+                    child.weight.grad, by_bias,
+                )
+            )  # fmt: skip
     return found
 
 
@@ -98,8 +123,8 @@ def processor_rounds() -> bool:
         return bool((nearly_one @ nearly_one == WIDE).all())
 
 
-ACTOR, FIRST, SECOND, GRADIENT = range(4)
-"""Who holds a buffer of a `Workspace`: hidden layers of the actor, of a critic, of the other one, or gradients."""
+ACTOR, FIRST, SECOND, GRADIENT, BLOCK = range(5)
+"""Who holds a buffer of a `Workspace`: hidden layers of the actor, of one critic or the other, gradients, sums."""
 
 
 class Workspace:
@@ -111,27 +136,27 @@ class Workspace:
 
     def __init__(self, rounded: bool = False) -> None:
         self._rounded = rounded
-        self._buffers: dict[tuple[int, ...], Tensor] = {}
+        self._buffers: dict[tuple[int, ...], Shared] = {}
 
     def _precision_of(self, layer: Layer) -> AbstractContextManager[None]:
         return _ROUNDED if self._rounded and layer.wide else _EXACT
 
-    def buffer(self, holder: int, index: int, rows: int, width: int) -> Tensor:
+    def buffer(self, holder: int, index: int, rows: int, width: int) -> Shared:
         """The buffer of a holder's layer, shape (rows, width), with whatever was written to it last."""
         key = (holder, index, rows, width)
         if key not in self._buffers:
-            self._buffers[key] = torch.empty(rows, width)
+            self._buffers[key] = shared(rows, width)
         return self._buffers[key]
 
-    def forward(self, layers: list[Layer], x: Tensor, holder: int) -> list[Tensor]:
-        """Activations of a perceptron: input, hidden layers after ReLU, linear output.
+    def forward(self, layers: list[Layer], x: Tensor, holder: int, out: Tensor) -> list[Tensor]:
+        """Activations of a perceptron: input, hidden layers after ReLU, linear output, which is written to `out`.
 
         The holder's next pass overwrites the hidden layers.
         """
         activations = [x]
         for index, layer in enumerate(layers[:-1]):
             activations.append(self._hidden(layer, activations[-1], holder, index))
-        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].transposed))
+        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].transposed, out=out))
         return activations
 
     def _hidden(self, layer: Layer, x: Tensor, holder: int, index: int) -> Tensor:
@@ -141,36 +166,41 @@ class Workspace:
                 # Bias and ReLU in the product: what torch's own compiler emits.
                 output: Tensor = torch.ops.mkldnn._linear_pointwise.default(x, layer.weight, layer.bias, "relu", [], "")
                 return output
-        out = self.buffer(holder, index, len(x), len(layer.bias))
+        out = self.buffer(holder, index, x.shape[0], layer.outputs).tensor
         return torch.addmm(layer.bias, x, layer.transposed, out=out).relu_()
 
-    def backward(
-        self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, weights: bool, inputs: int
-    ) -> Tensor | None:
-        """Propagate the gradient of the output; write gradients of the weights, if wanted.
+    def gradient_of_inputs(
+        self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, inputs: int, out: Tensor
+    ) -> None:
+        """Propagate the gradient of the output to so many of the last inputs; written to `out`, (batch, inputs)."""
+        for index in range(len(layers) - 1, 0, -1):
+            layer, before = layers[index], activations[index]
+            passed = self.buffer(GRADIENT, index % 2, before.shape[0], layer.inputs)
+            with self._precision_of(layer):
+                torch.mm(gradient, layer.weight, out=passed.tensor)
+            sac_kernels.through_relu(passed.array, before.numpy())
+            gradient = passed.tensor
+        torch.mm(gradient, layers[0].weight[:, -inputs:], out=out)
 
-        Returns the gradient of so many of the last inputs, None for 0.
-        """
+    def write_gradients(self, layers: list[Layer], activations: list[Tensor], gradient: Tensor) -> None:
+        """Propagate the gradient of the output, and write those of all weights and biases."""
+        torch.sum(gradient, 0, out=layers[-1].bias_gradient.tensor)
+        self.write_inner_gradients(layers, activations, gradient)
+
+    def write_inner_gradients(self, layers: list[Layer], activations: list[Tensor], gradient: Tensor) -> None:
+        """The same but for the bias of the last layer, which has been written."""
         for index in range(len(layers) - 1, -1, -1):
             layer, before = layers[index], activations[index]
-            if weights:
-                self.write_gradient(layer, gradient, before)
-            if index == 0:
-                return torch.mm(gradient, layer.weight[:, -inputs:]) if inputs else None
-            out = self.buffer(GRADIENT, index % 2, len(before), layer.weight.shape[1])
             with self._precision_of(layer):
-                torch.mm(gradient, layer.weight, out=out)
-            gradient = through_relu(out, before)
-        return None
+                torch.mm(gradient.t(), before, out=layer.weight_gradient)
+                if index == 0:
+                    return
+                passed = self.buffer(GRADIENT, index % 2, before.shape[0], layer.inputs)
+                torch.mm(gradient, layer.weight, out=passed.tensor)
+            self.through_relu(passed.array, before, layers[index - 1])
+            gradient = passed.tensor
 
-    def write_gradient(self, layer: Layer, gradient: Tensor, before: Tensor) -> None:
-        """Gradients of a layer's weight and bias from that of its output and from its input."""
-        with self._precision_of(layer):
-            torch.mm(gradient.t(), before, out=layer.weight_gradient)
-        torch.sum(gradient, 0, out=layer.bias_gradient)
-
-
-def through_relu(gradient: Tensor, output: Tensor) -> Tensor:
-    """The gradient, in place, where the output of the ReLU is positive; else 0."""
-    _RELU_BACKWARD(gradient, output, 0.0, grad_input=gradient)
-    return gradient
+    def through_relu(self, gradient: Single, output: Tensor, layer: Layer) -> None:
+        """Keep, in place, the gradient where the output of a layer's ReLU is positive; write that of its bias."""
+        room = self.buffer(BLOCK, 0, 1, layer.outputs).array[0]
+        sac_kernels.through_relu_and_bias(gradient, output.numpy(), layer.bias_gradient.array, room)

@@ -80,6 +80,13 @@ def gradients(optimizer):
     return torch.cat([state["exp_avg"].reshape(-1) for state in optimizer.state.values()]) / factor
 
 
+def test_what_it_reports_equals_what_the_stock_learner_reports():
+    stock, fast = (model.logger.name_to_value for model in one_update_after(lambda model: None))
+    for key in ("train/actor_loss", "train/critic_loss", "train/ent_coef"):
+        assert fast[key] == pytest.approx(stock[key], rel=1e-5)
+        assert stock[key] != 0.0
+
+
 @pytest.mark.parametrize("part", ["actor", "critic", "temperature"])
 def test_gradients_of_one_update_equal_autograds(part):
     stock, fast = one_update_after(lambda model: None)
@@ -243,7 +250,7 @@ def test_packed_buffer_samples_what_the_original_samples():
         for buffer in buffers:
             buffer.add(*transition, [{} for _ in range(4)])
     with reproducible(5):
-        rows = buffers[0].sample_rows(32)
+        rows = torch.from_numpy(buffers[0].transitions[buffers[0].draw(32)])
     with reproducible(5):
         batch = buffers[1].sample(32)
     assert torch.equal(rows[:, :3], batch.observations)
