@@ -140,7 +140,7 @@ class FastSAC(StableBaselinesSAC):
         assert isinstance(self.replay_buffer, PackedReplayBuffer)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         batch = self._minibatch(batch_size)
-        # All that is random is drawn first: between updates, which empty the caches, a draw takes several times as long.
+        # All that is random is drawn first: between updates, which empty the caches, a draw takes far longer.
         chosen = [self.replay_buffer.draw(batch_size) for _ in range(gradient_steps)]
         noise = shared(gradient_steps, 2 * batch_size, batch.actions)
         for half in noise.tensor.view(2 * gradient_steps, -1):

@@ -161,13 +161,11 @@ class Workspace:
 
     def _hidden(self, layer: Layer, x: Tensor, holder: int, index: int) -> Tensor:
         """Output of a hidden layer after its ReLU."""
-        if self._rounded and layer.wide:
-            with _ROUNDED:
-                # Bias and ReLU in the product: what torch's own compiler emits.
-                output: Tensor = torch.ops.mkldnn._linear_pointwise.default(x, layer.weight, layer.bias, "relu", [], "")
-                return output
-        out = self.buffer(holder, index, x.shape[0], layer.outputs).tensor
-        return torch.addmm(layer.bias, x, layer.transposed, out=out).relu_()
+        out = self.buffer(holder, index, x.shape[0], layer.outputs)
+        with self._precision_of(layer):
+            torch.mm(x, layer.transposed, out=out.tensor)
+        sac_kernels.bias_and_relu(out.array, layer.bias.numpy())
+        return out.tensor
 
     def gradient_of_inputs(
         self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, inputs: int, out: Tensor

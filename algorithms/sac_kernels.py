@@ -174,6 +174,15 @@ def through_action(
 
 
 @njit
+def bias_and_relu(product: Single, bias: Single) -> None:
+    """Add the bias, shape (width,), to each row of (batch, width), and raise what is below 0 to 0, in place."""
+    for i in range(product.shape[0]):
+        for j in range(product.shape[1]):
+            value = product[i, j] + bias[j]
+            product[i, j] = np.float32(0.0) if value <= np.float32(0.0) else value
+
+
+@njit
 def through_relu(gradient: Single, output: Single) -> None:
     """The gradient, in place, where the output of the ReLU is positive; else 0. Both of shape (batch, width)."""
     for i in range(gradient.shape[0]):

@@ -117,3 +117,13 @@ def test_gradient_passes_a_relu_where_it_is_open_and_its_sum_is_that_of_the_bias
     assert np.array_equal(alone, expected)
     assert np.array_equal(gradient, expected)
     assert by_bias == pytest.approx(expected.sum(0, dtype=np.float64), abs=1e-5)
+
+
+def test_bias_and_relu_are_those_of_a_linear_layer_and_pass_on_what_is_not_a_number():
+    product, bias = drawn(BATCH, 9), drawn(9, seed=1)
+    product[4, 5] = np.nan
+    expected = torch.relu(torch.from_numpy(product) + torch.from_numpy(bias)).numpy()
+    sac_kernels.bias_and_relu(product, bias)
+    assert np.array_equal(product, expected, equal_nan=True)
+    assert np.isnan(product).sum() == 1
+    assert 0.0 < (product == 0.0).mean() < 1.0
