@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import SAC as StableBaselinesSAC
-from torch import Tensor, nn
+from torch import nn
 
 from algorithms import sac_kernels
 from algorithms.minibatch import Minibatch
@@ -22,6 +22,7 @@ from algorithms.perceptron import (
     FIRST,
     SECOND,
     FlatModule,
+    Shared,
     Workspace,
     linear_layers,
     processor_rounds,
@@ -172,11 +173,12 @@ class FastSAC(StableBaselinesSAC):
         self._update_actor(batch, hidden, alpha, losses[0])
         return alpha
 
-    def _sample_actions(self, batch: Minibatch) -> list[Tensor]:
+    def _sample_actions(self, batch: Minibatch) -> list[Shared]:
         """Squashed Gaussian actions and their log-probabilities; input and hidden layers of the actor's trunk."""
         # The trunk ends in a ReLU of its own.
-        hidden = self._space.forward([*self._trunk, self._mean], batch.states.tensor, ACTOR, batch.mean.tensor)[:-1]
-        torch.addmm(self._log_std.bias, hidden[-1], self._log_std.transposed, out=batch.raw_log_std.tensor)
+        hidden = self._space.forward([*self._trunk, self._mean], batch.states, ACTOR, batch.mean)[:-1]
+        head = self._log_std
+        torch.addmm(head.bias.tensor, hidden[-1].tensor, head.transposed, out=batch.raw_log_std.tensor)
         torch.clamp(batch.raw_log_std.tensor, float(LOG_STD_MIN), float(LOG_STD_MAX), out=batch.log_std.tensor)
         torch.exp(batch.log_std.tensor, out=batch.std.tensor)
         sac_kernels.add_noise(batch.mean.array, batch.std.array, batch.noise, batch.action.array)
@@ -202,22 +204,22 @@ class FastSAC(StableBaselinesSAC):
     def _update_critics(self, batch: Minibatch, alpha: float, losses: Single) -> None:
         """One step of both critics; terms of their mean squared errors go to `losses`, shape (2, batch)."""
         for target, value in zip(self._targets, batch.values, strict=True):
-            self._space.forward(target, batch.next_action.tensor, FIRST, value.tensor)
+            self._space.forward(target, batch.next_action, FIRST, value)
         first, second = (value.array for value in batch.values)
         sac_kernels.bellman_target(
             batch.reward.array, batch.goes_on.array, np.float32(self.gamma), first, second, np.float32(alpha),
             batch.log_prob.array, batch.target.array,
         )  # fmt: skip
         for critic, value, slope, loss in zip(self._critics, batch.values, batch.slopes, losses, strict=True):
-            activations = self._space.forward(critic, batch.state_action.tensor, FIRST, value.tensor)
+            activations = self._space.forward(critic, batch.state_action, FIRST, value)
             sac_kernels.squared_error(value.array, batch.target.array, loss, slope.array)
-            self._space.write_gradients(critic, activations, slope.tensor)
+            self._space.write_gradients(critic, activations, slope)
         adam_step(self.critic.optimizer)
 
-    def _update_actor(self, batch: Minibatch, hidden: list[Tensor], alpha: float, loss: Single) -> None:
+    def _update_actor(self, batch: Minibatch, hidden: list[Shared], alpha: float, loss: Single) -> None:
         """One step of the actor; alpha log pi - min Q goes to `loss`, shape (batch,)."""
         passes = [
-            self._space.forward(critic, batch.policy_action.tensor, holder, value.tensor)
+            self._space.forward(critic, batch.policy_action, holder, value)
             for critic, holder, value in zip(self._critics, (FIRST, SECOND), batch.values, strict=True)
         ]
         first, second = batch.values
@@ -226,23 +228,25 @@ class FastSAC(StableBaselinesSAC):
             first.array, second.array, np.float32(alpha), batch.log_prob.array, to_first.array, to_second.array, loss
         )
         for critic, activations, slope, through in zip(self._critics, passes, batch.slopes, batch.through, strict=True):
-            self._space.gradient_of_inputs(critic, activations, slope.tensor, batch.actions, through.tensor)
+            self._space.gradient_of_inputs(critic, activations, slope, batch.actions, through)
         through_first, through_second = batch.through
         sac_kernels.through_action(
             through_first.array, through_second.array, np.float32(2.0 * alpha / batch.size), batch.action.array,
             batch.slope.array, SQUASH_EPSILON, batch.std.array, batch.noise, np.float32(alpha / batch.size),
             batch.raw_log_std.array, LOG_STD_MIN, LOG_STD_MAX, batch.to_mean.array, batch.to_log_std.array,
         )  # fmt: skip
-        self._backward_actor([layer[: batch.size] for layer in hidden], batch.to_mean.tensor, batch.to_log_std.tensor)
+        self._backward_actor([layer.first(batch.size) for layer in hidden], batch.to_mean, batch.to_log_std)
         adam_step(self.actor.optimizer)
 
-    def _backward_actor(self, hidden: list[Tensor], to_mean: Tensor, to_log_std: Tensor) -> None:
+    def _backward_actor(self, hidden: list[Shared], to_mean: Shared, to_log_std: Shared) -> None:
         """Write the actor's gradients from those of its two heads."""
+        last = hidden[-1]
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
-            torch.mm(incoming.t(), hidden[-1], out=head.weight_gradient)
-            torch.sum(incoming, 0, out=head.bias_gradient.tensor)
-        gradient = torch.mm(to_mean, self._mean.weight).addmm_(to_log_std, self._log_std.weight)
-        self._space.through_relu(gradient.numpy(), hidden[-1], self._trunk[-1])
+            torch.mm(incoming.tensor.t(), last.tensor, out=head.weight_gradient)
+            torch.sum(incoming.tensor, 0, out=head.bias_gradient.tensor)
+        through = torch.mm(to_mean.tensor, self._mean.weight).addmm_(to_log_std.tensor, self._log_std.weight)
+        gradient = Shared.of(through)
+        self._space.through_relu(gradient, last, self._trunk[-1])
         self._space.write_inner_gradients(self._trunk, hidden[:-1], gradient)
 
 

@@ -22,11 +22,19 @@ class Shared(NamedTuple):
     tensor: Tensor
     array: Single
 
+    @classmethod
+    def of(cls, tensor: Tensor) -> Shared:
+        """That of a tensor."""
+        return cls(tensor, tensor.numpy())
+
+    def first(self, rows: int) -> Shared:
+        """The first rows."""
+        return Shared(self.tensor[:rows], self.array[:rows])
+
 
 def shared(*shape: int) -> Shared:
     """Memory for so many numbers."""
-    tensor = torch.zeros(*shape)
-    return Shared(tensor, tensor.numpy())
+    return Shared.of(torch.zeros(*shape))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +57,7 @@ class Layer:
     weight: Tensor
     transposed: Tensor
     wide: bool
-    bias: Tensor
+    bias: Shared
     weight_gradient: Tensor
     bias_gradient: Shared
 
@@ -92,13 +100,9 @@ def linear_layers(module: nn.Module) -> list[Layer]:
             assert child.weight.grad is not None
             assert child.bias.grad is not None
             weight, wide = child.weight.data, min(child.weight.shape) >= WIDE
-            by_bias = Shared(child.bias.grad, child.bias.grad.numpy())
-            found.append(
-                Layer(
-                    child.in_features, child.out_features, weight, weight.t(), wide, child.bias.data,
-                    child.weight.grad, by_bias,
-                )
-            )  # fmt: skip
+            bias, by_bias = Shared.of(child.bias.data), Shared.of(child.bias.grad)
+            sizes = child.in_features, child.out_features
+            found.append(Layer(*sizes, weight, weight.t(), wide, bias, child.weight.grad, by_bias))
     return found
 
 
@@ -148,7 +152,7 @@ class Workspace:
             self._buffers[key] = shared(rows, width)
         return self._buffers[key]
 
-    def forward(self, layers: list[Layer], x: Tensor, holder: int, out: Tensor) -> list[Tensor]:
+    def forward(self, layers: list[Layer], x: Shared, holder: int, out: Shared) -> list[Shared]:
         """Activations of a perceptron: input, hidden layers after ReLU, linear output, which is written to `out`.
 
         The holder's next pass overwrites the hidden layers.
@@ -156,49 +160,53 @@ class Workspace:
         activations = [x]
         for index, layer in enumerate(layers[:-1]):
             activations.append(self._hidden(layer, activations[-1], holder, index))
-        activations.append(torch.addmm(layers[-1].bias, activations[-1], layers[-1].transposed, out=out))
-        return activations
+        last = layers[-1]
+        torch.addmm(last.bias.tensor, activations[-1].tensor, last.transposed, out=out.tensor)
+        return [*activations, out]
 
-    def _hidden(self, layer: Layer, x: Tensor, holder: int, index: int) -> Tensor:
+    def _hidden(self, layer: Layer, x: Shared, holder: int, index: int) -> Shared:
         """Output of a hidden layer after its ReLU."""
-        out = self.buffer(holder, index, x.shape[0], layer.outputs)
+        out = self.buffer(holder, index, x.tensor.shape[0], layer.outputs)
         with self._precision_of(layer):
-            torch.mm(x, layer.transposed, out=out.tensor)
-        sac_kernels.bias_and_relu(out.array, layer.bias.numpy())
-        return out.tensor
+            torch.mm(x.tensor, layer.transposed, out=out.tensor)
+        sac_kernels.bias_and_relu(out.array, layer.bias.array)
+        return out
 
     def gradient_of_inputs(
-        self, layers: list[Layer], activations: list[Tensor], gradient: Tensor, inputs: int, out: Tensor
+        self, layers: list[Layer], activations: list[Shared], gradient: Shared, inputs: int, out: Shared
     ) -> None:
         """Propagate the gradient of the output to so many of the last inputs; written to `out`, (batch, inputs)."""
         for index in range(len(layers) - 1, 0, -1):
-            layer, before = layers[index], activations[index]
-            passed = self.buffer(GRADIENT, index % 2, before.shape[0], layer.inputs)
-            with self._precision_of(layer):
-                torch.mm(gradient, layer.weight, out=passed.tensor)
-            sac_kernels.through_relu(passed.array, before.numpy())
-            gradient = passed.tensor
-        torch.mm(gradient, layers[0].weight[:, -inputs:], out=out)
+            passed = self._before(layers[index], index, gradient)
+            with self._precision_of(layers[index]):
+                torch.mm(gradient.tensor, layers[index].weight, out=passed.tensor)
+            sac_kernels.through_relu(passed.array, activations[index].array)
+            gradient = passed
+        torch.mm(gradient.tensor, layers[0].weight[:, -inputs:], out=out.tensor)
 
-    def write_gradients(self, layers: list[Layer], activations: list[Tensor], gradient: Tensor) -> None:
+    def write_gradients(self, layers: list[Layer], activations: list[Shared], gradient: Shared) -> None:
         """Propagate the gradient of the output, and write those of all weights and biases."""
-        torch.sum(gradient, 0, out=layers[-1].bias_gradient.tensor)
+        torch.sum(gradient.tensor, 0, out=layers[-1].bias_gradient.tensor)
         self.write_inner_gradients(layers, activations, gradient)
 
-    def write_inner_gradients(self, layers: list[Layer], activations: list[Tensor], gradient: Tensor) -> None:
+    def write_inner_gradients(self, layers: list[Layer], activations: list[Shared], gradient: Shared) -> None:
         """The same but for the bias of the last layer, which has been written."""
         for index in range(len(layers) - 1, -1, -1):
             layer, before = layers[index], activations[index]
             with self._precision_of(layer):
-                torch.mm(gradient.t(), before, out=layer.weight_gradient)
+                torch.mm(gradient.tensor.t(), before.tensor, out=layer.weight_gradient)
                 if index == 0:
                     return
-                passed = self.buffer(GRADIENT, index % 2, before.shape[0], layer.inputs)
-                torch.mm(gradient, layer.weight, out=passed.tensor)
-            self.through_relu(passed.array, before, layers[index - 1])
-            gradient = passed.tensor
+                passed = self._before(layer, index, gradient)
+                torch.mm(gradient.tensor, layer.weight, out=passed.tensor)
+            self.through_relu(passed, before, layers[index - 1])
+            gradient = passed
 
-    def through_relu(self, gradient: Single, output: Tensor, layer: Layer) -> None:
+    def _before(self, layer: Layer, index: int, gradient: Shared) -> Shared:
+        """Room for the gradient of a layer's inputs; that of its outputs lies in the other of two."""
+        return self.buffer(GRADIENT, index % 2, gradient.tensor.shape[0], layer.inputs)
+
+    def through_relu(self, gradient: Shared, output: Shared, layer: Layer) -> None:
         """Keep, in place, the gradient where the output of a layer's ReLU is positive; write that of its bias."""
         room = self.buffer(BLOCK, 0, 1, layer.outputs).array[0]
-        sac_kernels.through_relu_and_bias(gradient, output.numpy(), layer.bias_gradient.array, room)
+        sac_kernels.through_relu_and_bias(gradient.array, output.array, layer.bias_gradient.array, room)
