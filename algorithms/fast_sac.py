@@ -10,11 +10,11 @@ from typing import Final, cast
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3 import SAC as StableBaselinesSAC
 from torch import nn
 
 from algorithms import sac_kernels
+from algorithms.fast_sac_checks import checked_replay, refuse_other_networks, refuse_other_updates
 from algorithms.minibatch import Minibatch
 from algorithms.packed_replay import PackedReplayBuffer
 from algorithms.perceptron import (
@@ -77,9 +77,10 @@ def denormals_are_zero() -> Iterator[None]:
 class FastSAC(StableBaselinesSAC):
     """The stock learner's interface and update, faster.
 
-    `train` computes what `stable_baselines3.SAC.train` computes (a test holds both to each other): temperature,
-    twin critics, actor, targets, in that order, from the same random numbers. What is saved: autograd's
-    bookkeeping, critic weight gradients in the actor's step, a second pass through the actor.
+    `train` computes what `stable_baselines3.SAC.train` computes (a test holds both to each other) for temperature,
+    twin critics, their targets and the actor, from the same random numbers. What is spared: autograd's
+    bookkeeping, critic weight gradients in the actor's step, a second pass through the actor. Files are its own: an
+    optimiser has one long parameter, so that neither learner loads what the other saved.
 
     Raises:
         ValueError: An argument asks for something else than that update.
@@ -89,10 +90,11 @@ class FastSAC(StableBaselinesSAC):
     """Whether products of wide layers round their factors to bfloat16."""
 
     def _setup_model(self) -> None:
-        self._refuse_other_updates()
+        refuse_other_updates(self)
         self.replay_buffer_class = PackedReplayBuffer
         super()._setup_model()
         modules = (self.actor, self.critic, self.critic_target)
+        refuse_other_networks(self)
         self._flat_actor, self._online, self._slow = (FlatModule(module) for module in modules)
         for module, flat in ((self.actor, self._flat_actor), (self.critic, self._online)):
             group = module.optimizer.param_groups[0]
@@ -106,28 +108,6 @@ class FastSAC(StableBaselinesSAC):
         self._critics = [linear_layers(network) for network in self.critic.q_networks]
         self._targets = [linear_layers(network) for network in self.critic_target.q_networks]
 
-    def _refuse_other_updates(self) -> None:
-        """What stable-baselines3 takes and the update below would ignore."""
-        shape = self.observation_space.shape if isinstance(self.observation_space, spaces.Box) else None
-        networks = {name: value for name, value in self.policy_kwargs.items() if name not in ("net_arch", "use_sde")}
-        refused = {
-            f"observations of {self.observation_space}": shape is None or len(shape) != 1,
-            f"ent_coef={self.ent_coef}": not str(self.ent_coef).startswith("auto"),
-            f"target_update_interval={self.target_update_interval}": self.target_update_interval != 1,
-            f"n_steps={self.n_steps}": self.n_steps != 1,
-            "use_sde": self.use_sde,
-            f"replay_buffer_class={self.replay_buffer_class}": (
-                self.replay_buffer_class not in (None, PackedReplayBuffer)
-            ),
-            f"replay_buffer_kwargs={self.replay_buffer_kwargs}": bool(self.replay_buffer_kwargs),
-            "optimize_memory_usage": self.optimize_memory_usage,
-            f"policy_kwargs {networks}": bool(networks),
-            "a VecNormalize environment": self._vec_normalize_env is not None,
-        }
-        for name, asked in refused.items():
-            if asked:
-                raise ValueError(f"{type(self).__name__} has no {name}: use stable_baselines3.SAC for that")
-
     def _excluded_save_params(self) -> list[str]:
         """Views into the policy's parameters, and buffers: `_setup_model` makes them again."""
         return [*super()._excluded_save_params(), *_MADE_BY_SETUP]
@@ -138,40 +118,42 @@ class FastSAC(StableBaselinesSAC):
         for flat in (self._flat_actor, self._online, self._slow):
             flat.gather()
         assert self.ent_coef_optimizer is not None
-        assert isinstance(self.replay_buffer, PackedReplayBuffer)
+        replay = checked_replay(self)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
         batch = self._minibatch(batch_size)
         # All that is random is drawn first: between updates, which empty the caches, a draw takes far longer.
-        chosen = [self.replay_buffer.draw(batch_size) for _ in range(gradient_steps)]
+        chosen = [replay.draw(batch_size) for _ in range(gradient_steps)]
         noise = shared(gradient_steps, 2 * batch_size, batch.actions)
         for half in noise.tensor.view(2 * gradient_steps, -1):
             half.normal_()
         losses = shared(gradient_steps, 3, batch_size)  # the actor's and both critics': their means can wait, too
-        alphas = []
+        temperatures = np.zeros((gradient_steps, 2))
         with torch.no_grad(), denormals_are_zero():
             for update in range(gradient_steps):
-                batch.take(self.replay_buffer.transitions, chosen[update], noise.array[update])
-                alphas.append(self._update(batch, losses.array[update]))
+                batch.take(replay.transitions, chosen[update], noise.array[update])
+                temperatures[update] = self._update(batch, losses.array[update])
         actor, first, second = losses.tensor.mean(2).double().t()
         self._n_updates += gradient_steps
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
-        self.logger.record("train/ent_coef", sum(alphas) / gradient_steps)
-        self.logger.record("train/actor_loss", sum(actor.tolist()) / gradient_steps)
-        self.logger.record("train/critic_loss", sum((0.5 * first + 0.5 * second).tolist()) / gradient_steps)
+        alphas, alpha_losses = temperatures.T.tolist()
+        reported = {"ent_coef": alphas, "ent_coef_loss": alpha_losses, "actor_loss": actor.tolist(),
+                    "critic_loss": (0.5 * first + 0.5 * second).tolist()}  # fmt: skip
+        for key, values in reported.items():
+            self.logger.record(f"train/{key}", sum(values) / gradient_steps)
 
     def _minibatch(self, size: int) -> Minibatch:
         if size not in self._minibatches:
             self._minibatches[size] = Minibatch(size, self.observation_space.shape[0], self.action_space.shape[0])  # type: ignore[index]
         return self._minibatches[size]
 
-    def _update(self, batch: Minibatch, losses: Single) -> float:
-        """One update; the temperature before it. Terms of the losses: actor, both critics, shape (3, batch)."""
+    def _update(self, batch: Minibatch, losses: Single) -> tuple[float, float]:
+        """One update; the temperature before it and its loss. Terms of the others: actor, critics, shape (3, batch)."""
         hidden = self._sample_actions(batch)
-        alpha = self._update_temperature(batch)
+        alpha, alpha_loss = self._update_temperature(batch)
         self._update_critics(batch, alpha, losses[1:])
         self._slow.vector.data.lerp_(self._online.vector.data, self.tau)
         self._update_actor(batch, hidden, alpha, losses[0])
-        return alpha
+        return alpha, alpha_loss
 
     def _sample_actions(self, batch: Minibatch) -> list[Shared]:
         """Squashed Gaussian actions and their log-probabilities; input and hidden layers of the actor's trunk."""
@@ -191,15 +173,17 @@ class FastSAC(StableBaselinesSAC):
         )  # fmt: skip
         return hidden
 
-    def _update_temperature(self, batch: Minibatch) -> float:
-        """Temperature before this step's update, which follows."""
+    def _update_temperature(self, batch: Minibatch) -> tuple[float, float]:
+        """One step of the temperature; what it was, and its loss."""
         assert self.log_ent_coef is not None
         assert self.ent_coef_optimizer is not None
         alpha = float(self.log_ent_coef.exp())
         log_prob = batch.log_prob.tensor[: batch.size]
-        self.log_ent_coef.grad = -(log_prob + float(self.target_entropy)).mean().reshape(1)
+        gradient = -(log_prob + float(self.target_entropy)).mean().reshape(1)
+        loss = float(self.log_ent_coef * gradient)
+        self.log_ent_coef.grad = gradient
         adam_step(self.ent_coef_optimizer)
-        return alpha
+        return alpha, loss
 
     def _update_critics(self, batch: Minibatch, alpha: float, losses: Single) -> None:
         """One step of both critics; terms of their mean squared errors go to `losses`, shape (2, batch)."""

@@ -11,7 +11,9 @@ from algorithms.sac_kernels import Single
 
 
 class Minibatch:
-    """All that one update works out for a batch but hidden layers and gradients of weights; n states, a actions.
+    """All that one update works out for a batch but hidden layers and gradients of weights.
+
+    A state has n numbers, an action a.
 
     Attributes:
         size: Transitions.
@@ -23,7 +25,7 @@ class Minibatch:
         reward: Shape (size,).
         goes_on: 1 - terminated, shape (size,).
         noise: Standard normal, for states and next states, shape (2 size, a), only an array. Of this shape are also
-            mean, raw_log_std, log_std (clamped), std, action, slope (of tanh) and log_slope.
+            mean, raw_log_std, log_std (clamped), std, action (at first before tanh), slope (of tanh) and log_slope.
         log_prob: Of the actor's actions, shape (2 size,).
         target: Of the critics, shape (size,).
         values: Of both critics, two of shape (size, 1).
@@ -37,6 +39,7 @@ class Minibatch:
         self.size, self.actions = size, a
         self.states = shared(2 * size, n)
         self.state_action, self.policy_action, self.next_action = (shared(size, n + a) for _ in range(3))
+        self.noise = np.zeros((2 * size, a), np.float32)
         self.reward, self.goes_on, self.target = (shared(size) for _ in range(3))
         self.mean, self.raw_log_std, self.log_std, self.std = (shared(2 * size, a) for _ in range(4))
         self.action, self.slope, self.log_slope = (shared(2 * size, a) for _ in range(3))

@@ -6,7 +6,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.vec_env import VecNormalize
 
 
 class PackedReplayBuffer(ReplayBuffer):
@@ -53,3 +56,16 @@ class PackedReplayBuffer(ReplayBuffer):
         times = np.random.randint(0, upper, size=batch_size)  # noqa: NPY002  the original's generator
         worlds = np.random.randint(0, high=self.n_envs, size=(batch_size,))  # noqa: NPY002
         return times * self.n_envs + worlds
+
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
+        """As the original's; what it would normalise is refused.
+
+        Raises:
+            ValueError: An environment that normalises.
+        """
+        if env is not None:
+            raise ValueError("PackedReplayBuffer does not normalise: use stable-baselines3's ReplayBuffer for that")
+        n, a = self._size, self.action_dim
+        rows = torch.from_numpy(self.transitions[self.draw(batch_size)])
+        observation, action, reward, done, following = rows.split([n, a, 1, 1, n], dim=1)
+        return ReplayBufferSamples(observation, action, following, done, reward)

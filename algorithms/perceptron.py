@@ -48,7 +48,7 @@ class Layer:
         transposed: A view of it, shape (inputs, outputs).
         wide: Whether a processor's matrix unit pays.
         bias: Shape (outputs,).
-        weight_gradient: Written by `Workspace.write_gradient`.
+        weight_gradient: Written by `Workspace.write_gradients`.
         bias_gradient: Likewise.
     """
 
@@ -77,14 +77,21 @@ class FlatModule:
     def __init__(self, module: nn.Module) -> None:
         parameters = list(module.parameters())
         self.vector = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in parameters]))
-        self.vector.grad = torch.zeros_like(self.vector)
+        self._gradient = torch.zeros_like(self.vector.data)
         sizes = [parameter.numel() for parameter in parameters]
-        parts = zip(parameters, self.vector.data.split(sizes), self.vector.grad.split(sizes), strict=True)
+        parts = zip(parameters, self.vector.data.split(sizes), self._gradient.split(sizes), strict=True)
         self._views = [(parameter, v.view_as(parameter), g.view_as(parameter)) for parameter, v, g in parts]
         self.gather()
 
     def gather(self) -> None:
-        """Take in parameters that have been given memory of their own since, as by ``policy.load_from_vector``."""
+        """Take in parameters that have been given memory of their own since, as by ``policy.load_from_vector``.
+
+        Raises:
+            ValueError: This is a copy, in which vector and views have memory of their own.
+        """
+        if self._views[0][1].data_ptr() != self.vector.data_ptr():
+            raise ValueError("a copy of FastSAC cannot train: save the learner and load it instead")
+        self.vector.grad = self._gradient
         for parameter, value, gradient in self._views:
             if parameter.data_ptr() != value.data_ptr():
                 value.copy_(parameter.data)

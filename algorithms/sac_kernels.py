@@ -1,7 +1,7 @@
 """The element-wise parts of SAC's update, compiled: torch takes ten times as long for the call as for the arithmetic.
 
 Each kernel does the operations of the formula that it names one by one, in single precision and in that order, as torch
-would; what sums over a batch or is transcendental is left to torch. Arrays of `algorithms.minibatch.Minibatch`.
+would; what is transcendental, and sums over a batch but those of bias gradients, are left to torch.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def least_value(
     batch = len(loss)
     share = np.float32(-1.0 / batch)
     for i in range(batch):
-        of_first = first[i, 0] <= second[i, 0]
+        of_first = first[i, 0] <= second[i, 0] or first[i, 0] != first[i, 0]  # what is not a number is not hidden
         to_first[i, 0] = share if of_first else np.float32(0.0)
         to_second[i, 0] = np.float32(0.0) if of_first else share
         loss[i] = alpha * log_prob[i] - (first[i, 0] if of_first else second[i, 0])
@@ -194,7 +194,7 @@ def through_relu(gradient: Single, output: Single) -> None:
 def through_relu_and_bias(gradient: Single, output: Single, by_bias: Single, block: Single) -> None:
     """`through_relu`, and the sum of the result over the batch, shape (width,); block is room for as much.
 
-    Sums of 16 rows are added up: the order of torch's own sum for up to 256 rows.
+    Sums of 16 rows are added up: the order of torch's own sum for layers of 256 and up to 256 rows.
     """
     batch, width = gradient.shape
     by_bias[:] = np.float32(0.0)

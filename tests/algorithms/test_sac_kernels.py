@@ -82,6 +82,14 @@ def test_gradients_of_both_losses_by_the_values_are_autograds():
     assert 0.0 < float((by_both[0] != 0.0).float().mean()) < 1.0
 
 
+def test_neither_critic_hides_what_is_not_a_number_in_the_other():
+    number, nothing = np.ones((1, 1), np.float32), np.full((1, 1), np.nan, np.float32)
+    for values in ((number, nothing), (nothing, number)):
+        loss, gradients = np.zeros(1, np.float32), np.zeros((2, 1, 1), np.float32)
+        sac_kernels.least_value(*values, np.float32(0.1), np.zeros(2, np.float32), *gradients, loss)
+        assert np.isnan(loss[0])
+
+
 def test_gradients_by_both_heads_of_the_actor_are_autograds():
     mean, raw_log_std = (torch.from_numpy(drawn(BATCH, A, seed=seed)).requires_grad_() for seed in (1, 2))
     noise, through_first, through_second = (torch.from_numpy(drawn(BATCH, A, seed=seed)) for seed in (3, 4, 5))
