@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,13 +27,8 @@ from algorithms.perceptron import (
     processor_rounds,
     shared,
 )
-from algorithms.sac_kernels import Single
+from algorithms.sac_kernels import LOG_STD_MAX, LOG_STD_MIN, Single
 
-LOG_STD_MIN: Final = np.float32(-20.0)
-LOG_STD_MAX: Final = np.float32(2.0)
-SQUASH_EPSILON: Final = np.float32(1e-6)
-"""stable-baselines3's constants of the squashed Gaussian."""
-HALF_LOG_TWO_PI: Final = np.float32(0.5 * math.log(2.0 * math.pi))
 _MADE_BY_SETUP: Final = (
     "_flat_actor", "_online", "_slow", "_space", "_trunk", "_mean", "_log_std", "_critics", "_targets",
     "_minibatches",
@@ -159,16 +153,15 @@ class FastSAC(StableBaselinesSAC):
         """Squashed Gaussian actions and their log-probabilities; input and hidden layers of the actor's trunk."""
         # The trunk ends in a ReLU of its own.
         hidden = self._space.forward([*self._trunk, self._mean], batch.states, ACTOR, batch.mean)[:-1]
-        head = self._log_std
-        torch.addmm(head.bias.tensor, hidden[-1].tensor, head.transposed, out=batch.raw_log_std.tensor)
+        self._log_std.apply(hidden[-1], batch.raw_log_std)
         torch.clamp(batch.raw_log_std.tensor, float(LOG_STD_MIN), float(LOG_STD_MAX), out=batch.log_std.tensor)
         torch.exp(batch.log_std.tensor, out=batch.std.tensor)
         sac_kernels.add_noise(batch.mean.array, batch.std.array, batch.noise, batch.action.array)
         batch.action.tensor.tanh_()
-        sac_kernels.slope_of_tanh(batch.action.array, SQUASH_EPSILON, batch.slope.array, batch.log_slope.array)
+        sac_kernels.slope_of_tanh(batch.action.array, batch.slope.array, batch.log_slope.array)
         batch.log_slope.tensor.log_()
         sac_kernels.log_probability(
-            batch.noise, batch.log_std.array, batch.log_slope.array, HALF_LOG_TWO_PI, batch.action.array,
+            batch.noise, batch.log_std.array, batch.log_slope.array, batch.action.array,
             batch.log_prob.array, batch.policy_action.array, batch.next_action.array,
         )  # fmt: skip
         return hidden
@@ -215,9 +208,9 @@ class FastSAC(StableBaselinesSAC):
             self._space.gradient_of_inputs(critic, activations, slope, batch.actions, through)
         through_first, through_second = batch.through
         sac_kernels.through_action(
-            through_first.array, through_second.array, np.float32(2.0 * alpha / batch.size), batch.action.array,
-            batch.slope.array, SQUASH_EPSILON, batch.std.array, batch.noise, np.float32(alpha / batch.size),
-            batch.raw_log_std.array, LOG_STD_MIN, LOG_STD_MAX, batch.to_mean.array, batch.to_log_std.array,
+            through_first.array, through_second.array, np.float32(alpha / batch.size), batch.action.array,
+            batch.slope.array, batch.std.array, batch.noise, batch.raw_log_std.array, batch.to_mean.array,
+            batch.to_log_std.array,
         )  # fmt: skip
         self._backward_actor([layer.first(batch.size) for layer in hidden], batch.to_mean, batch.to_log_std)
         adam_step(self.actor.optimizer)
@@ -226,8 +219,7 @@ class FastSAC(StableBaselinesSAC):
         """Write the actor's gradients from those of its two heads."""
         last = hidden[-1]
         for head, incoming in ((self._mean, to_mean), (self._log_std, to_log_std)):
-            torch.mm(incoming.tensor.t(), last.tensor, out=head.weight_gradient)
-            torch.sum(incoming.tensor, 0, out=head.bias_gradient.tensor)
+            self._space.write_gradients([head], [last], incoming)
         through = torch.mm(to_mean.tensor, self._mean.weight).addmm_(to_log_std.tensor, self._log_std.weight)
         gradient = Shared.of(through)
         self._space.through_relu(gradient, last, self._trunk[-1])

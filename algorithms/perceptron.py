@@ -61,6 +61,10 @@ class Layer:
     weight_gradient: Tensor
     bias_gradient: Shared
 
+    def apply(self, x: Shared, out: Shared) -> None:
+        """Write x weight^T + bias, shape (batch, outputs), to `out`."""
+        torch.addmm(self.bias.tensor, x.tensor, self.transposed, out=out.tensor)
+
 
 class FlatModule:
     """All parameters of a module as one vector, and another one of all gradients; the module keeps views into both.
@@ -167,8 +171,7 @@ class Workspace:
         activations = [x]
         for index, layer in enumerate(layers[:-1]):
             activations.append(self._hidden(layer, activations[-1], holder, index))
-        last = layers[-1]
-        torch.addmm(last.bias.tensor, activations[-1].tensor, last.transposed, out=out.tensor)
+        layers[-1].apply(activations[-1], out)
         return [*activations, out]
 
     def _hidden(self, layer: Layer, x: Shared, holder: int, index: int) -> Shared:

@@ -6,12 +6,21 @@ would; what is transcendental, and sums over a batch but those of bias gradients
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 from envs.compiled import njit
 
 Single = npt.NDArray[np.float32]
+
+LOG_STD_MIN: Final = np.float32(-20.0)
+LOG_STD_MAX: Final = np.float32(2.0)
+SQUASH_EPSILON: Final = np.float32(1e-6)
+"""stable-baselines3's constants of the squashed Gaussian."""
+HALF_LOG_TWO_PI: Final = np.float32(0.5 * math.log(2.0 * math.pi))
 
 
 @njit
@@ -59,12 +68,12 @@ def add_noise(mean: Single, std: Single, noise: Single, raw_action: Single) -> N
 
 
 @njit
-def slope_of_tanh(action: Single, epsilon: np.float32, slope: Single, shifted: Single) -> None:
-    """1 - action^2, and that plus epsilon, all of shape (2 batch, a)."""
+def slope_of_tanh(action: Single, slope: Single, shifted: Single) -> None:
+    """1 - action^2, and that plus `SQUASH_EPSILON`, all of shape (2 batch, a)."""
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):
             slope[i, j] = np.float32(1.0) - action[i, j] * action[i, j]
-            shifted[i, j] = slope[i, j] + epsilon
+            shifted[i, j] = slope[i, j] + SQUASH_EPSILON
 
 
 @njit
@@ -72,7 +81,6 @@ def log_probability(
     noise: Single,
     log_std: Single,
     log_slope: Single,
-    half_log_two_pi: np.float32,
     action: Single,
     log_prob: Single,
     policy_action: Single,
@@ -84,7 +92,7 @@ def log_probability(
     for i in range(len(log_prob)):
         total = np.float32(0.0)
         for j in range(a):
-            total += np.float32(-0.5) * noise[i, j] * noise[i, j] - log_std[i, j] - half_log_two_pi - log_slope[i, j]
+            total += np.float32(-0.5) * noise[i, j] * noise[i, j] - log_std[i, j] - HALF_LOG_TWO_PI - log_slope[i, j]
         log_prob[i] = total
     for i in range(batch):
         for j in range(a):
@@ -145,31 +153,27 @@ def least_value(
 def through_action(
     through_first: Single,
     through_second: Single,
-    entropy_scale: np.float32,
+    alpha_share: np.float32,
     action: Single,
     slope: Single,
-    epsilon: np.float32,
     std: Single,
     noise: Single,
-    entropy_share: np.float32,
     raw_log_std: Single,
-    lowest: np.float32,
-    highest: np.float32,
     to_mean: Single,
     to_log_std: Single,
 ) -> None:
     """Gradients of the actor's loss by its two heads, shape (batch, a), from those by the action through the critics.
 
-    d log pi / d action = 2 action / (1 - action^2 + epsilon); action = tanh(mean + std noise). entropy_scale is
-    2 alpha / batch, entropy_share alpha / batch; beyond lowest and highest the log standard deviation is clamped.
+    d log pi / d action = 2 action / (1 - action^2 + epsilon); action = tanh(mean + std noise). alpha_share is
+    alpha / batch; a clamped log standard deviation has no gradient (times 0: what is not a number stays so).
     """
     for i in range(to_mean.shape[0]):
         for j in range(to_mean.shape[1]):
             gradient = through_first[i, j] + through_second[i, j]
-            gradient += entropy_scale * action[i, j] / (slope[i, j] + epsilon)
+            gradient += np.float32(2.0) * alpha_share * action[i, j] / (slope[i, j] + SQUASH_EPSILON)
             to_mean[i, j] = gradient * slope[i, j]
-            inside = lowest <= raw_log_std[i, j] <= highest
-            by_log_std = to_mean[i, j] * std[i, j] * noise[i, j] - entropy_share
+            inside = LOG_STD_MIN <= raw_log_std[i, j] <= LOG_STD_MAX
+            by_log_std = to_mean[i, j] * std[i, j] * noise[i, j] - alpha_share
             to_log_std[i, j] = by_log_std if inside else by_log_std * np.float32(0.0)
 
 
